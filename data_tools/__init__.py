@@ -1,0 +1,1 @@
+"""Readers, simulators, data sets and export around evcalib."""

@@ -1,0 +1,1 @@
+"""Jitted loops that know arrays only; the modules of the same names above check and convert."""

@@ -1,0 +1,170 @@
+"""The two streams that a calibration aligns: body velocities and camera headings."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from evcalib import _check
+from evcalib.errors import InputError
+
+MAX_SPEED = 100.0
+"""Speeds above this [m/s] are taken for a mistake of units."""
+
+
+def _optional(values: object, name: str, n: int) -> NDArray[np.float64] | None:
+    if values is None:
+        return None
+    return _check.floats(values, name, (n,))  # type: ignore[arg-type]
+
+
+@dataclass(frozen=True, eq=False)
+class VelocitySeries:
+    """Linear velocity of the body over time.
+
+    Attributes
+    ----------
+    t : ndarray, shape (n,)
+        Times [s] on the odometry clock, strictly increasing.
+    v : ndarray, shape (n, 3)
+        Velocity [m/s] in `frame`.
+    yaw_rate : ndarray, shape (n,), optional
+        Rotation rate about the body's Z axis [rad/s].
+    frame : str
+        Name of the frame, ``"body"`` by default.
+
+    Raises
+    ------
+    InputError
+        If a shape, a time or a value is unusable.
+    """
+
+    t: NDArray[np.float64]
+    v: NDArray[np.float64]
+    yaw_rate: NDArray[np.float64] | None = None
+    frame: str = "body"
+
+    def __post_init__(self) -> None:
+        t = _check.times(self.t, "velocity t")
+        _set(self, "t", t)
+        _set(self, "v", _check.floats(self.v, "velocity v", (t.size, 3)))
+        _set(self, "yaw_rate", _optional(self.yaw_rate, "yaw_rate", t.size))
+        speed = self.speed
+        if speed.size and speed.max() > MAX_SPEED:
+            row = int(speed.argmax())
+            raise InputError(
+                f"velocity row {row} has a speed of {speed[row]:.0f} m/s, above {MAX_SPEED:.0f} m/s;"
+                " are the values in metres per second?"
+            )
+
+    def __len__(self) -> int:
+        return int(self.t.size)
+
+    @property
+    def speed(self) -> NDArray[np.float64]:
+        """Length of each velocity [m/s], shape (n,)."""
+        return np.linalg.norm(self.v, axis=1)
+
+    def select(self, mask: NDArray[np.bool_]) -> VelocitySeries:
+        """Return the rows where `mask` (shape (n,)) is True."""
+        return VelocitySeries(self.t[mask], self.v[mask], _rows(self.yaw_rate, mask), self.frame)
+
+
+@dataclass(frozen=True, eq=False)
+class HeadingSeries:
+    """Direction of the camera's own motion over time.
+
+    Attributes
+    ----------
+    t : ndarray, shape (n,)
+        Times [s] on the camera clock, strictly increasing.
+    v : ndarray, shape (n, 3)
+        Unit directions in `frame`.  Lengths within 5 % of 1 are normalised; others are refused.
+    t_start, t_end : ndarray, shape (n,), optional
+        Interval [s] over which each heading was measured; both or neither.
+    weight : ndarray, shape (n,), optional
+        Non-negative weights.
+    sd : ndarray, shape (n,), optional
+        Standard deviation of each direction [rad], per tangent axis.
+    inliers : ndarray, shape (n,), optional
+        Number of correspondences behind each heading.
+    valid : ndarray of bool, shape (n,), optional
+        False where a row must not be used.
+    frame : str
+        Name of the frame, ``"cam"`` by default.
+
+    Raises
+    ------
+    InputError
+        If a shape, a time, a length or a value is unusable.
+    """
+
+    t: NDArray[np.float64]
+    v: NDArray[np.float64]
+    t_start: NDArray[np.float64] | None = None
+    t_end: NDArray[np.float64] | None = None
+    weight: NDArray[np.float64] | None = None
+    sd: NDArray[np.float64] | None = None
+    inliers: NDArray[np.float64] | None = None
+    valid: NDArray[np.bool_] | None = None
+    frame: str = "cam"
+
+    def __post_init__(self) -> None:
+        t = _check.times(self.t, "heading t")
+        n = t.size
+        _set(self, "t", t)
+        _set(self, "v", _unit(_check.floats(self.v, "heading v", (n, 3))))
+        for name in ("t_start", "t_end", "weight", "sd", "inliers"):
+            _set(self, name, _optional(getattr(self, name), f"heading {name}", n))
+        if (self.t_start is None) != (self.t_end is None):
+            raise InputError("heading t_start and t_end must be given together")
+        if self.t_start is not None and (self.t_end < self.t_start).any():  # type: ignore[operator]
+            row = int(np.argmax(self.t_end < self.t_start))  # type: ignore[operator]
+            raise InputError(f"heading row {row} ends (t_end) before it starts (t_start)")
+        for name in ("weight", "sd", "inliers"):
+            values = getattr(self, name)
+            if values is not None and (values < 0).any():
+                raise InputError(f"heading {name} is negative in row {int(np.argmax(values < 0))}")
+        if self.valid is not None:
+            valid = np.asarray(self.valid)
+            if valid.shape != (n,) or valid.dtype != np.bool_:
+                raise InputError(f"heading valid must be {n} booleans")
+            _set(self, "valid", valid)
+
+    def __len__(self) -> int:
+        return int(self.t.size)
+
+    def select(self, mask: NDArray[np.bool_]) -> HeadingSeries:
+        """Return the rows where `mask` (shape (n,)) is True."""
+        optional = (self.t_start, self.t_end, self.weight, self.sd, self.inliers, self.valid)
+        kept = [_rows(values, mask) for values in optional]
+        return HeadingSeries(self.t[mask], self.v[mask], *kept, frame=self.frame)  # type: ignore[arg-type]
+
+    def usable(self) -> HeadingSeries:
+        """Return the rows that are valid and carry weight."""
+        mask = np.ones(len(self), dtype=bool) if self.valid is None else self.valid.copy()
+        if self.weight is not None:
+            mask &= self.weight > 0
+        return self if mask.all() else self.select(mask)
+
+
+def _unit(v: NDArray[np.float64], tolerance: float = 0.05) -> NDArray[np.float64]:
+    length = np.linalg.norm(v, axis=1)
+    bad = np.abs(length - 1.0) > tolerance
+    if bad.any():
+        row = int(np.argmax(bad))
+        raise InputError(
+            f"heading row {row} has length {length[row]:.4g}, not 1: headings are unit directions;"
+            " normalise them, and remove rows without motion"
+        )
+    return v / length[:, None]
+
+
+def _rows(values: NDArray | None, mask: NDArray[np.bool_]) -> NDArray | None:
+    return None if values is None else values[mask]
+
+
+def _set(instance: object, name: str, value: object) -> None:
+    object.__setattr__(instance, name, value)
