@@ -55,8 +55,8 @@ class VelocitySeries:
         if speed.size and speed.max() > MAX_SPEED:
             row = int(speed.argmax())
             raise InputError(
-                f"velocity row {row} has a speed of {speed[row]:.0f} m/s, above {MAX_SPEED:.0f} m/s;"
-                " are the values in metres per second?"
+                f"velocity row {row} has a speed of {speed[row]:.0f} m/s, above"
+                f" {MAX_SPEED:.0f} m/s; are the values in metres per second?"
             )
 
     def __len__(self) -> int:
@@ -138,9 +138,9 @@ class HeadingSeries:
 
     def select(self, mask: NDArray[np.bool_]) -> HeadingSeries:
         """Return the rows where `mask` (shape (n,)) is True."""
-        optional = (self.t_start, self.t_end, self.weight, self.sd, self.inliers, self.valid)
-        kept = [_rows(values, mask) for values in optional]
-        return HeadingSeries(self.t[mask], self.v[mask], *kept, frame=self.frame)  # type: ignore[arg-type]
+        optional = ("t_start", "t_end", "weight", "sd", "inliers", "valid")
+        kept = {name: _rows(getattr(self, name), mask) for name in optional}
+        return HeadingSeries(self.t[mask], self.v[mask], **kept, frame=self.frame)
 
     def usable(self) -> HeadingSeries:
         """Return the rows that are valid and carry weight."""

@@ -1,0 +1,58 @@
+"""Rotations and directions."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Floats = NDArray[np.float64]
+
+
+def random_rotation(rng: np.random.Generator) -> Floats:
+    """Return a rotation drawn uniformly from SO(3), shape (3, 3)."""
+    return quaternion_to_matrix(rng.standard_normal(4))
+
+
+def quaternion_to_matrix(wxyz: ArrayLike) -> Floats:
+    """Return the rotation matrix of a quaternion (w, x, y, z) of any length above zero."""
+    w, x, y, z = np.asarray(wxyz, dtype=np.float64) / np.linalg.norm(wxyz)
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def rotation_vector_to_matrix(vector: ArrayLike) -> Floats:
+    """Return the matrix of a rotation vector [rad] (Rodrigues)."""
+    r = np.asarray(vector, dtype=np.float64)
+    half = 0.5 * np.linalg.norm(r)
+    return quaternion_to_matrix([np.cos(half), *(0.5 * np.sinc(half / np.pi) * r)])
+
+
+def rotation_angle(a: ArrayLike, b: ArrayLike | None = None) -> float:
+    """Return the angle [rad] of rotation `a`, or between rotations `a` and `b`.
+
+    Uses atan2 of the skew part and the trace: the bare arccos gives NaN for exact matches and
+    loses half of the digits near them.
+    """
+    m = np.asarray(a, dtype=np.float64)
+    if b is not None:
+        m = m.T @ np.asarray(b, dtype=np.float64)
+    skew = 0.5 * np.array([m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]])
+    return float(np.arctan2(np.linalg.norm(skew), 0.5 * (np.trace(m) - 1.0)))
+
+
+def angle_between(a: ArrayLike, b: ArrayLike) -> Floats:
+    """Return the angle [rad] between vectors along the last axis, exact near 0 and pi."""
+    a, b = np.asarray(a, dtype=np.float64), np.asarray(b, dtype=np.float64)
+    cross = np.linalg.norm(np.cross(a, b), axis=-1)
+    return np.arctan2(cross, np.sum(a * b, axis=-1))
+
+
+def unit(v: ArrayLike) -> Floats:
+    """Return vectors along the last axis scaled to length 1."""
+    v = np.asarray(v, dtype=np.float64)
+    return v / np.linalg.norm(v, axis=-1, keepdims=True)
