@@ -1,0 +1,328 @@
+"""The event stream: four columns and a sensor size, checked once at the front door."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import overload
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from evcalib import _check
+from evcalib.errors import InputError
+
+MAX_TIME_US = 10**14
+"""Times above this [us], about three years, are taken for Unix time or for nanoseconds."""
+
+MAX_SIDE = 65_535
+"""Largest width or height [px] whose pixels uint16 can count."""
+
+_PER_UNIT = {"s": 1_000_000, "ms": 1_000, "us": 1}
+_FIELDS = {
+    "x": ("x",),
+    "y": ("y",),
+    "t": ("t", "ts", "timestamp", "timestamps"),
+    "p": ("p", "pol", "polarity", "on"),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Events:
+    """Events of one camera in the order of their times.
+
+    Building it checks everything once; slices are views that are not checked again.  The columns
+    are read-only, so that they stay what was checked.  Arrays that already have the right type
+    are not copied: do not change them afterwards.
+
+    Attributes
+    ----------
+    x, y : ndarray of uint16, shape (n,)
+        Column and row [px], below `width` and `height`.
+    t : ndarray of int64, shape (n,)
+        Time [us], not negative, ascending; equal times may follow each other.
+    p : ndarray of bool, shape (n,)
+        Polarity, True = ON (brighter).  Given as booleans, as {0, 1} or as {-1, 1}.
+    width, height : int
+        Sensor size [px].
+
+    Raises
+    ------
+    InputError
+        If lengths differ, a column is not of integers, a pixel is outside the sensor, a time is
+        negative, of Unix-time size or before its predecessor, or polarity codings are mixed.
+    """
+
+    x: NDArray[np.uint16]
+    y: NDArray[np.uint16]
+    t: NDArray[np.int64]
+    p: NDArray[np.bool_]
+    width: int
+    height: int
+
+    def __post_init__(self) -> None:
+        width, height = _side(self.width, "width"), _side(self.height, "height")
+        t = _times_us(_integers(self.t, "t"))
+        columns = {
+            "x": _pixels(_integers(self.x, "x"), "x", width, "width"),
+            "y": _pixels(_integers(self.y, "y"), "y", height, "height"),
+            "p": _polarity(self.p),
+            "t": t,
+        }
+        for name, column in columns.items():
+            if column.size != t.size:
+                raise InputError(
+                    f"event columns differ in length: {name} has {column.size}, t has {t.size}"
+                )
+        _fill(self, width=width, height=height, **columns)
+
+    @classmethod
+    def from_arrays(
+        cls,
+        x: ArrayLike,
+        y: ArrayLike,
+        t: ArrayLike,
+        p: ArrayLike,
+        width: int,
+        height: int,
+        *,
+        time_unit: str = "us",
+        origin_us: int = 0,
+    ) -> Events:
+        """Build events from four columns.
+
+        Parameters
+        ----------
+        x, y, t, p : array_like, shape (n,)
+            The columns; see the class.
+        width, height : int
+            Sensor size [px].
+        time_unit : {"us", "s", "ms", "ns"}
+            Unit of `t`.  Microseconds must be integers.  Other units are converted, rounded to
+            the nearest microsecond; seconds and milliseconds may then be floats.
+        origin_us : int
+            Subtracted from every time [us], e.g. to bring Unix time down.  Subtract the same
+            from the stream that the events will be aligned with.
+
+        Raises
+        ------
+        InputError
+            As the class; and if times are floats without a `time_unit` that says what they are.
+        """
+        stamps = _to_us(t, _check.one_of(time_unit, "time_unit", ("us", "s", "ms", "ns")))
+        if origin_us:
+            stamps = _minus(stamps, int(origin_us))
+        return cls(x, y, stamps, p, width, height)  # type: ignore[arg-type]
+
+    @classmethod
+    def from_structured(
+        cls,
+        array: NDArray[np.void],
+        width: int,
+        height: int,
+        *,
+        time_unit: str = "us",
+        origin_us: int = 0,
+    ) -> Events:
+        """Build events from a structured array with fields x, y, t and p.
+
+        Time may also be named ``ts``, ``timestamp`` or ``timestamps``; polarity ``pol``,
+        ``polarity`` or ``on``.  The other parameters are those of `from_arrays`.
+        """
+        names = getattr(array, "dtype", np.dtype(float)).names
+        if names is None:
+            raise InputError("a structured array with fields x, y, t, p is needed; see from_arrays")
+        columns = (array[_field(names, key)] for key in "xytp")
+        x, y, t, p = columns
+        return cls.from_arrays(x, y, t, p, width, height, time_unit=time_unit, origin_us=origin_us)
+
+    @classmethod
+    def empty(cls, width: int, height: int) -> Events:
+        """Return a stream without events."""
+        none = np.empty(0, dtype=np.uint16)
+        return cls(none, none, none, none, width, height)  # type: ignore[arg-type]
+
+    @classmethod
+    def concatenate(cls, parts: Sequence[Events]) -> Events:
+        """Join streams of one sensor that follow each other in time."""
+        if not parts:
+            raise InputError("there is nothing to concatenate: at least one stream is needed")
+        shape = parts[0].shape
+        for k, part in enumerate(parts):
+            if part.shape != shape:
+                raise InputError(f"stream {k} has shape {part.shape}, stream 0 has {shape}")
+        full = [part for part in parts if len(part)]
+        for before, after in pairwise(full):
+            if after.t[0] < before.t[-1]:
+                raise InputError(
+                    f"a stream that starts at {after.t[0]} us follows one that ends at"
+                    f" {before.t[-1]} us; put the streams in order of time"
+                )
+        columns = {name: np.concatenate([getattr(part, name) for part in parts]) for name in "xytp"}
+        return _fill(object.__new__(cls), width=shape[1], height=shape[0], **columns)
+
+    def __len__(self) -> int:
+        return int(self.t.size)
+
+    @overload
+    def __getitem__(self, rows: slice) -> Events: ...
+    @overload
+    def __getitem__(self, rows: NDArray[np.bool_]) -> Events: ...
+
+    def __getitem__(self, rows: slice | NDArray[np.bool_]) -> Events:
+        """Return the events of a forward slice (views) or of a boolean mask (copies)."""
+        if isinstance(rows, slice):
+            if rows.step not in (None, 1):
+                raise InputError("a slice of events must have step 1; use a boolean mask instead")
+        else:
+            rows = np.asarray(rows)
+            if rows.dtype != np.bool_ or rows.shape != self.t.shape:
+                raise InputError(f"events take a slice or a mask of {len(self)} booleans")
+        columns = {name: getattr(self, name)[rows] for name in "xytp"}
+        return _fill(object.__new__(Events), width=self.width, height=self.height, **columns)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Image shape (height, width)."""
+        return self.height, self.width
+
+    @property
+    def duration(self) -> float:
+        """Time from the first to the last event [s]; 0 without events."""
+        return float(self.t[-1] - self.t[0]) * 1e-6 if len(self) else 0.0
+
+    def between(self, t0_us: int, t1_us: int) -> Events:
+        """Return the events with t0_us <= t < t1_us [us], as views."""
+        limits = [min(max(int(t), -1), MAX_TIME_US + 1) for t in (t0_us, t1_us)]
+        start, stop = np.searchsorted(self.t, limits)
+        return self[int(start) : int(stop)]
+
+
+def _fill(events: Events, **values: object) -> Events:
+    """Set the attributes of a frozen instance; arrays become read-only views."""
+    for name, value in values.items():
+        if isinstance(value, np.ndarray):
+            value = value.view()
+            value.flags.writeable = False
+        object.__setattr__(events, name, value)
+    return events
+
+
+def _side(value: int, name: str) -> int:
+    number = int(value) if isinstance(value, int | np.integer) else 0
+    if not 1 <= number <= MAX_SIDE:
+        raise InputError(f"{name} must be a whole number of 1 to {MAX_SIDE} pixels, not {value!r}")
+    return number
+
+
+def _field(names: tuple[str, ...], key: str) -> str:
+    for name in _FIELDS[key]:
+        if name in names:
+            return name
+    raise InputError(f"the array has no field {' or '.join(_FIELDS[key])}, only {', '.join(names)}")
+
+
+def _column(values: ArrayLike, name: str) -> NDArray:
+    try:
+        array = np.asarray(values)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"event column {name} is not an array: {error}") from None
+    if array.ndim != 1:
+        raise InputError(f"event column {name} must have shape (n,), not {array.shape}")
+    return array if array.size else array.astype(np.int64 if array.dtype == float else array.dtype)
+
+
+def _integers(values: ArrayLike, name: str) -> NDArray:
+    array = _column(values, name)
+    if array.dtype.kind in "iu":
+        return array
+    advice = "convert it, e.g. with astype(numpy.int64), if nothing is lost"
+    if name == "t":
+        advice = (
+            "say what they are: Events.from_arrays(..., time_unit='s') if seconds,"
+            " astype(numpy.int64) if microseconds"
+        )
+    raise InputError(f"event column {name} must hold integers, not {array.dtype}; {advice}")
+
+
+def _pixels(values: NDArray, name: str, side: int, side_name: str) -> NDArray[np.uint16]:
+    if values.size and (values.min() < 0 or values.max() >= side):
+        row = int(np.argmax((values < 0) | (values >= side)))
+        raise InputError(
+            f"event {row} has {name} = {values[row]}, outside the sensor ({side_name} {side});"
+            f" is {side_name} right, are x and y swapped?"
+        )
+    return np.ascontiguousarray(values, dtype=np.uint16)
+
+
+def _times_us(t: NDArray) -> NDArray[np.int64]:
+    if not t.size:
+        return t.astype(np.int64)
+    back = t[1:] < t[:-1]
+    if back.any():
+        row = int(np.argmax(back)) + 1
+        raise InputError(
+            f"event {row} (t = {t[row]} us) comes before event {row - 1} (t = {t[row - 1]} us);"
+            " sort the events by time, stably, or find out why they are not"
+        )
+    if t[0] < 0:
+        raise InputError(f"event 0 has t = {t[0]} us; times start at 0 or later: shift them")
+    if t[-1] > MAX_TIME_US:
+        raise InputError(
+            f"event {t.size - 1} has t = {t[-1]} us, more than three years: Unix time or"
+            " nanoseconds? Use Events.from_arrays(..., origin_us=...) or time_unit='ns'"
+        )
+    return np.ascontiguousarray(t, dtype=np.int64)
+
+
+def _polarity(values: ArrayLike) -> NDArray[np.bool_]:
+    p = _column(values, "p")
+    if p.dtype == np.bool_:
+        return np.ascontiguousarray(p)
+    p = _integers(p, "p")
+    if not p.size:
+        return p.astype(np.bool_)
+    if p.min() < -1 or p.max() > 1:
+        row = int(np.argmax((p < -1) | (p > 1)))
+        raise InputError(f"event {row} has polarity {p[row]}; use booleans, {{0, 1}} or {{-1, 1}}")
+    if p.min() == -1 and (p == 0).any():
+        raise InputError(
+            f"polarity mixes codings: -1 at event {int(np.argmax(p == -1))}, 0 at event"
+            f" {int(np.argmax(p == 0))}; use booleans, {{0, 1}} or {{-1, 1}}"
+        )
+    return np.ascontiguousarray(p > 0)
+
+
+def _to_us(values: ArrayLike, unit: str) -> NDArray:
+    """Return times as integer microseconds, rounded to the nearest."""
+    if unit == "us":
+        return _integers(values, "t")
+    t = _column(values, "t")
+    if unit == "ns":
+        t = _integers(t, "t")
+        half_up = t % 1000 >= 500
+        return t // 1000 + half_up
+    scale = _PER_UNIT[unit]
+    if t.dtype.kind not in "iuf":
+        raise InputError(f"event column t must hold numbers, not {t.dtype}")
+    bad = ~(np.abs(t.astype(np.float64)) * scale < 2.0**62)
+    if bad.any():
+        row = int(np.argmax(bad))
+        raise InputError(f"event {row} has t = {t[row]} {unit}, not a usable time")
+    if t.dtype.kind in "iu":
+        return t.astype(np.int64) * scale
+    if t.size and np.spacing(np.abs(t).max()) * scale > 1:
+        raise InputError(
+            f"{t.dtype} cannot tell microseconds apart at t = {np.abs(t).max()} {unit};"
+            " read the times with more digits"
+        )
+    return np.rint(t.astype(np.float64) * scale).astype(np.int64)
+
+
+def _minus(t: NDArray, origin: int) -> NDArray[np.int64]:
+    """Subtract an origin [us] without wrapping around."""
+    limit = np.iinfo(np.int64).max
+    if t.size and (abs(origin) > limit // 2 or max(-int(t.min()), int(t.max())) > limit // 2):
+        raise InputError("times or origin_us are too large for microseconds")
+    return t.astype(np.int64) - origin
