@@ -1,7 +1,7 @@
 """Synthetic drives of an omni-directional vehicle, and the two noisy streams that they leave.
 
-A :class:`Drive` is exact: a body velocity for any time.  :func:`simulate` samples it on two clocks,
-with the noise, gaps, offset and rotation that are asked for, and keeps the truth beside the streams.
+A :class:`Drive` is exact: a body velocity for any time.  :func:`simulate` samples it on two
+clocks, with the noise, gaps, offset and rotation asked for, and keeps the truth beside the streams.
 """
 
 from __future__ import annotations
@@ -126,7 +126,7 @@ def fingers(
 ) -> Drive:
     """Return fingers: for each of `angles` [rad], `out` seconds out, a pause, `out` seconds back.
 
-    The speed rises and falls as a raised cosine and is zero in the pauses (the paper's real drives).
+    The speed rises and falls as a raised cosine and is zero in the pauses (as in the paper).
     """
     if not len(angles):
         raise InputError("fingers need at least one angle")
@@ -200,8 +200,8 @@ def simulate(
     R_body_cam: Floats | None = None,
     heading_rate: float = 30.0,
     velocity_rate: float = 50.0,
-    heading_noise: Noise = Noise(),  # noqa: B008  frozen, so safe to share
-    velocity_noise: Noise = Noise(),  # noqa: B008
+    heading_noise: Noise = Noise(),
+    velocity_noise: Noise = Noise(),
 ) -> SyntheticStreams:
     """Sample a drive with a camera and an odometry, each on its own clock and phase.
 
@@ -267,7 +267,7 @@ def _constant(value: float) -> Callable[[Floats], Floats]:
     return lambda t: np.full_like(t, value)
 
 
-def _steps(knots: Floats, levels: Floats, turn_time: float) -> Callable[[Floats], Floats]:
+def _steps(knots: NDArray, levels: NDArray, turn_time: float) -> Callable[[Floats], Floats]:
     """Return a staircase of angles whose steps take `turn_time` seconds each."""
     if turn_time < 0:
         raise InputError(f"turn_time must not be negative, not {turn_time}")
