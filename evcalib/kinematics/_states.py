@@ -1,0 +1,85 @@
+"""What the wheels say, and what it means for the body."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from evcalib import _check
+from evcalib.errors import InputError
+
+
+@dataclass(frozen=True, eq=False)
+class WheelStates:
+    """Speeds and steering angles of k wheels, in the order of the vehicle's wheels.
+
+    Attributes
+    ----------
+    speed : ndarray, shape (n, k)
+        Rolling speed at the rim [m/s] (rotation rate times wheel radius); negative = backwards.
+    steer : ndarray, shape (n, k), optional
+        Steering angle [rad] from body X, counter-clockwise; only wheels that steer have one.
+
+    Raises
+    ------
+    InputError
+        If a shape or a value is unusable.
+    """
+
+    speed: NDArray[np.float64]
+    steer: NDArray[np.float64] | None = None
+
+    def __post_init__(self) -> None:
+        speed = _check.floats(self.speed, "wheel speed", (None, None))
+        object.__setattr__(self, "speed", speed)
+        if self.steer is not None:
+            object.__setattr__(self, "steer", _check.floats(self.steer, "steer", speed.shape))
+
+    def __len__(self) -> int:
+        return int(self.speed.shape[0])
+
+
+@dataclass(frozen=True, eq=False)
+class WheelLog:
+    """Wheel states over time.
+
+    Attributes
+    ----------
+    t : ndarray, shape (n,)
+        Times [s] on the odometry clock, strictly increasing.
+    states : WheelStates
+        The states of the wheels at these times.
+    """
+
+    t: NDArray[np.float64]
+    states: WheelStates
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "t", _check.times(self.t, "wheel t"))
+        if len(self.states) != self.t.size:
+            raise InputError(f"{self.t.size} times but {len(self.states)} rows of wheel states")
+
+    def __len__(self) -> int:
+        return int(self.t.size)
+
+
+@dataclass(frozen=True, eq=False)
+class BodyTwist:
+    """Motion of the body in the plane, seen from the origin of the body frame.
+
+    Attributes
+    ----------
+    v : ndarray, shape (n, 2)
+        Velocity of the origin along body X and Y [m/s].
+    yaw_rate : ndarray, shape (n,)
+        Rotation rate about body Z [rad/s], counter-clockwise.
+    slip : ndarray, shape (n,)
+        Root mean square, over the wheels, of the difference between what a wheel measures and
+        what a rigid body with this twist would make it measure [m/s].
+    """
+
+    v: NDArray[np.float64]
+    yaw_rate: NDArray[np.float64]
+    slip: NDArray[np.float64]

@@ -1,0 +1,109 @@
+"""A whole wheel log to a series of body velocities."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from evcalib import _check
+from evcalib.errors import InputError
+from evcalib.kinematics._states import WheelLog
+from evcalib.kinematics._vehicles import Vehicle
+from evcalib.series import VelocitySeries
+
+
+@dataclass(frozen=True, eq=False)
+class BodyVelocities:
+    """Body velocities from wheels, and what was left out.
+
+    Attributes
+    ----------
+    velocities : VelocitySeries
+        The m rows kept, in the frame ``"body"``, with yaw rate.
+    slip : ndarray, shape (m,)
+        Slip of the rows kept [m/s], see `BodyTwist`.
+    rows : int
+        Rows n of the wheel log.
+    over_slip, over_yaw_rate : int
+        Rows over each limit; a row can be over both.
+    removed : int
+        Rows removed, n - m.
+    """
+
+    velocities: VelocitySeries
+    slip: NDArray[np.float64]
+    rows: int
+    over_slip: int
+    over_yaw_rate: int
+    removed: int
+
+    def summary(self) -> str:
+        """Return one line for people: rows, what was removed and why, and the slip."""
+        gates = f"{self.over_slip} over the slip, {self.over_yaw_rate} over the yaw-rate limit"
+        middle, largest = np.median(self.slip), self.slip.max()
+        return (
+            f"{self.rows - self.removed} of {self.rows} rows kept ({gates});"
+            f" slip {middle:.3g} m/s median, {largest:.3g} m/s largest"
+        )
+
+
+def body_velocities(
+    wheel_log: WheelLog,
+    vehicle: Vehicle,
+    *,
+    max_slip: float | None = None,
+    max_yaw_rate: float | None = None,
+) -> BodyVelocities:
+    """Turn a wheel log into the velocity of the body's origin, v_o of the paper.
+
+    Parameters
+    ----------
+    wheel_log : WheelLog
+        n rows of wheel states, in the order of the vehicle's wheels.
+    vehicle : Swerve, Mecanum or Omni
+        The vehicle that wrote the log.
+    max_slip : float, optional
+        Remove rows whose slip [m/s] is larger.
+    max_yaw_rate : float, optional
+        Remove rows that turn faster [rad/s], either way.  A camera away from the body's origin
+        then sees another velocity than the origin's: the paper assumes there is no rotation.
+
+    Returns
+    -------
+    BodyVelocities
+        The velocities kept, their slip, and how many rows each limit concerned.
+
+    Raises
+    ------
+    InputError
+        If the log does not fit the vehicle, a limit is not positive, or no row is left.
+    """
+    twist = vehicle.twist(wheel_log.states)
+    over_slip = _over(twist.slip, max_slip, "max_slip", "m/s")
+    over_yaw_rate = _over(np.abs(twist.yaw_rate), max_yaw_rate, "max_yaw_rate", "rad/s")
+    kept = ~(over_slip | over_yaw_rate)
+    if not kept.any():
+        raise InputError(
+            f"no wheel row is left of {kept.size}: {int(over_slip.sum())} over the slip limit,"
+            f" {int(over_yaw_rate.sum())} over the yaw-rate limit; raise the limits"
+            " or check units, wheel positions and steering zero"
+        )
+    v = np.column_stack([twist.v, np.zeros(kept.size)])
+    return BodyVelocities(
+        velocities=VelocitySeries(wheel_log.t, v, twist.yaw_rate, frame="body").select(kept),
+        slip=twist.slip[kept],
+        rows=int(kept.size),
+        over_slip=int(over_slip.sum()),
+        over_yaw_rate=int(over_yaw_rate.sum()),
+        removed=int(kept.size - kept.sum()),
+    )
+
+
+def _over(
+    values: NDArray[np.float64], limit: float | None, name: str, unit: str
+) -> NDArray[np.bool_]:
+    if limit is None:
+        return np.zeros(values.shape, dtype=bool)
+    return values > _check.positive(limit, name, unit)
