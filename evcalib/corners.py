@@ -1,0 +1,103 @@
+"""Corner events: Arc*, which looks at nothing but the times of the neighbours."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from evcalib.errors import InputError
+from evcalib.events import Events
+from evcalib.kernels import corners as kernels
+
+FILTER_US = 50_000
+"""An event of the same polarity within this time [us] of the last is an echo of it."""
+
+
+class ArcStar:
+    """Arc* corner detector for a stream that comes in pieces.
+
+    An event is a corner if the newest events on the circles of radius 3 and 4 around it form an
+    arc of 3 to 6 and 4 to 8 pixels, or leave out one of that length.  Echoes are filtered first:
+    an event counts only if its polarity did not come for 50 ms, or the other one came since.
+    Events within 4 px of the border are never corners.
+
+    A pixel that never fired is older than any event, also than one at t = 0; the original starts
+    from zero and so loses the corners of the first 50 ms of a stream that starts there.
+
+    Parameters
+    ----------
+    width, height : int
+        Sensor size [px].
+    filter_us : int
+        Time of the echo filter [us].
+
+    References
+    ----------
+    Alzugaray & Chli, "Asynchronous corner detection and tracking for event cameras in real time",
+    IEEE RA-L 3(4), 2018.
+    """
+
+    def __init__(self, width: int, height: int, *, filter_us: int = FILTER_US) -> None:
+        if not 0 <= int(filter_us) <= 2**61:
+            raise InputError(f"filter_us must be a time in microseconds, not {filter_us!r}")
+        self.shape = (height, width)
+        self._filter_us = int(filter_us)
+        self._now = 0
+        self._last = np.full((height, width, 2), kernels.NEVER)
+        self._sae = np.full((2, height, width), kernels.NEVER)
+        self._circles = tuple(
+            kernels.circle_steps(circle, width)
+            for circle in (kernels.SMALL_CIRCLE, kernels.LARGE_CIRCLE)
+        )
+
+    def update(self, events: Events) -> NDArray[np.bool_]:
+        """Take in the next events of the stream and tell which of them are corners.
+
+        Parameters
+        ----------
+        events : Events
+            Of the same sensor, not before the last events taken in.
+
+        Returns
+        -------
+        ndarray of bool, shape (n,)
+            True where the event is a corner.
+
+        Raises
+        ------
+        InputError
+            If the sensor size differs or time goes back.
+        """
+        if events.shape != self.shape:
+            raise InputError(
+                f"the detector was made for {self.shape}, the events have {events.shape}"
+            )
+        flags = np.zeros(len(events), dtype=np.bool_)
+        if not len(events):
+            return flags
+        if events.t[0] < self._now:
+            raise InputError(
+                f"events start at {events.t[0]} us, before the {self._now} us already taken in"
+            )
+        columns = (events.x, events.y, events.t, events.p)
+        kernels.arc_star(columns, self._last, self._sae, self._filter_us, self._circles, flags)
+        self._now = int(events.t[-1])
+        return flags
+
+
+def arc_star(events: Events, *, filter_us: int = FILTER_US) -> NDArray[np.bool_]:
+    """Tell which events are Arc* corners; see `ArcStar`.
+
+    Parameters
+    ----------
+    events : Events
+        The whole stream.
+    filter_us : int
+        Time of the echo filter [us].
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+        True where the event is a corner.
+    """
+    return ArcStar(events.width, events.height, filter_us=filter_us).update(events)
