@@ -1,0 +1,155 @@
+"""A vehicle seen from above, its wheels and how it moves; a log of its velocity."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+from matplotlib.patches import Polygon
+from numpy.typing import NDArray
+
+from evcalib.kinematics import BodyVelocities, Mecanum, Omni, Vehicle, WheelStates
+from evcalib.plots import style
+
+SECONDS = 0.3
+"""A velocity is drawn as the way it goes in this time [s]."""
+MIN_ARROW = 0.01
+"""Shorter arrows [m] are not drawn."""
+
+
+def draw_motion(
+    ax: Axes, vehicle: Vehicle, states: WheelStates, *, row: int = 0, legend: bool = True
+) -> None:
+    """Draw a vehicle from above: what its wheels measure and the motion that explains it.
+
+    Forward is up and left is left.  Arrows show the way of 0.3 s: orange what each wheel
+    measures, blue the body (and, thin, what the body's motion means for each wheel), purple the
+    slip between the two.  A blue cross marks the point about which the body turns.
+
+    Parameters
+    ----------
+    ax : Axes
+        Where to draw.
+    vehicle : Swerve, Mecanum or Omni
+        The vehicle.
+    states : WheelStates
+        States of its wheels.
+    row : int
+        Which row of the states to draw.
+    legend : bool
+        Whether to explain the arrows.
+    """
+    one = WheelStates(
+        states.speed[row : row + 1], None if states.steer is None else states.steer[row : row + 1]
+    )
+    twist = vehicle.twist(one)
+    positions, angle = vehicle.positions, _wheel_angles(vehicle, one)
+    measured = one.speed[0][:, None] * _unit(angle)
+    implied = _implied(vehicle, twist.v[0], float(twist.yaw_rate[0]), angle)
+    size = float(np.abs(positions).max())
+    _draw_chassis(ax, vehicle, angle, size)
+    for place, is_, should in zip(positions, measured, implied, strict=True):
+        _arrow(ax, place, place + SECONDS * should, style.BODY, width=1.0)
+        _arrow(ax, place, place + SECONDS * is_, style.MEASURED)
+        _arrow(ax, place + SECONDS * should, place + SECONDS * is_, style.OUTLIER, width=2.5)
+    _arrow(ax, np.zeros(2), SECONDS * twist.v[0], style.BODY, width=3.0)
+    _draw_turning_point(ax, twist.v[0], float(twist.yaw_rate[0]), 2.2 * size)
+    _frame(ax, 2.2 * size)
+    if legend:
+        _legend(ax)
+
+
+def draw_velocity_log(axes: Sequence[Axes], result: BodyVelocities) -> None:
+    """Draw velocity, yaw rate and slip of a log over time into three stacked axes."""
+    series = result.velocities
+    assert series.yaw_rate is not None
+    names = ("forward $v_x$", "left $v_y$")
+    for values, name, dash in zip(series.v.T[:2], names, ("-", "--"), strict=True):
+        axes[0].plot(series.t, values, dash, color=style.BODY, label=name)
+    axes[0].legend(loc="upper right", ncols=2)
+    axes[1].plot(series.t, series.yaw_rate, color=style.BODY)
+    axes[2].plot(series.t, result.slip, ".", ms=3, color=style.OUTLIER)
+    labels = ("velocity [m/s]", "yaw rate [rad/s]", "slip [m/s]")
+    for ax, name in zip(axes, labels, strict=True):
+        style.label(ax, "time [s]" if ax is axes[-1] else "", name)
+
+
+def _wheel_angles(vehicle: Vehicle, one: WheelStates) -> NDArray[np.float64]:
+    if one.steer is not None:
+        return one.steer[0]
+    if isinstance(vehicle, Omni):
+        return np.array([wheel.drive for wheel in vehicle.wheels])
+    return np.zeros(len(vehicle.wheels))
+
+
+def _implied(
+    vehicle: Vehicle, v: NDArray[np.float64], yaw_rate: float, angle: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return what the wheels would measure under this twist, as vectors (k, 2) [m/s]."""
+    said = vehicle.matrix @ np.array([v[0], v[1], yaw_rate])
+    return said.reshape(-1, 2) if vehicle.steered else said[:, None] * _unit(angle)
+
+
+def _unit(angle: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.stack([np.cos(angle), np.sin(angle)], axis=1)
+
+
+def _on_page(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Body (x forward, y left) to plot coordinates: y across (its axis runs leftwards), x up."""
+    return points[..., ::-1]
+
+
+def _draw_chassis(ax: Axes, vehicle: Vehicle, angle: NDArray[np.float64], size: float) -> None:
+    places = vehicle.positions
+    around = places - places.mean(axis=0)
+    order = np.argsort(np.arctan2(around[:, 1], around[:, 0]), kind="stable")
+    fill = {"facecolor": style.MUTED, "alpha": 0.15, "zorder": 1}
+    ax.add_patch(Polygon(_on_page(places[order]), closed=True, **fill))
+    half = 0.22 * size * np.array([[1, 0.4], [1, -0.4], [-1, -0.4], [-1, 0.4]])
+    rollers = (-1, 1, 1, -1) if isinstance(vehicle, Mecanum) else (0,) * len(places)
+    for place, a, roller in zip(places, angle, rollers, strict=True):
+        turn = np.array([[np.cos(a), -np.sin(a)], [np.sin(a), np.cos(a)]])
+        tyre = {"facecolor": "0.75", "edgecolor": "0.2", "zorder": 2}
+        ax.add_patch(Polygon(_on_page(place + half @ turn.T), closed=True, **tyre))
+        for along in (-0.12, 0.0, 0.12) if roller else ():
+            # the rollers as seen from above: those on the ground lie the other way round
+            ends = size * np.array([[along - 0.06, 0.06 * roller], [along + 0.06, -0.06 * roller]])
+            ax.plot(*_on_page(place + ends).T, color="0.2", lw=1, zorder=3)
+
+
+def _arrow(
+    ax: Axes, start: NDArray[np.float64], end: NDArray[np.float64], color: str, width: float = 2.0
+) -> None:
+    if np.hypot(*(end - start)) < MIN_ARROW:
+        return
+    look = {"arrowstyle": "-|>", "color": color, "lw": width, "shrinkA": 0, "shrinkB": 0}
+    look["mutation_scale"] = 6 + 2 * width
+    tip, tail = (end[1], end[0]), (start[1], start[0])
+    ax.annotate("", xy=tip, xytext=tail, arrowprops=look, zorder=5)
+
+
+def _draw_turning_point(ax: Axes, v: NDArray[np.float64], yaw_rate: float, reach: float) -> None:
+    if abs(yaw_rate) * reach <= np.hypot(*v):
+        return
+    ax.plot(v[0] / yaw_rate, -v[1] / yaw_rate, "X", color=style.BODY, ms=9, zorder=6)
+
+
+def _frame(ax: Axes, reach: float) -> None:
+    ax.set_xlim(reach, -reach)
+    ax.set_ylim(-reach, reach)
+    ax.set_aspect("equal")
+    style.label(ax, "body y, to the left [m]", "body x, forward [m]")
+
+
+def _legend(ax: Axes) -> None:
+    looks = {
+        "measured by a wheel": {"color": style.MEASURED, "lw": 2},
+        "body": {"color": style.BODY, "lw": 3},
+        "body, at the wheel": {"color": style.BODY, "lw": 1},
+        "slip": {"color": style.OUTLIER, "lw": 2.5},
+        "turns about": {"color": style.BODY, "marker": "X", "ls": "", "ms": 8},
+    }
+    handles = [Line2D([], [], label=name, **look) for name, look in looks.items()]  # type: ignore[arg-type]
+    ax.legend(handles=handles, loc="upper left", fontsize=7.5)
