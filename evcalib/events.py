@@ -209,6 +209,11 @@ def _fill(events: Events, **values: object) -> Events:
     return events
 
 
+def _owned(values: NDArray, dtype: type) -> NDArray:
+    """Return the column as the kernels take it: native, aligned, contiguous."""
+    return np.require(values, dtype, ("C", "A"))
+
+
 def _side(value: int, name: str) -> int:
     number = int(value) if isinstance(value, int | np.integer) else 0
     if not 1 <= number <= MAX_SIDE:
@@ -253,7 +258,7 @@ def _pixels(values: NDArray, name: str, side: int, side_name: str) -> NDArray[np
             f"event {row} has {name} = {values[row]}, outside the sensor ({side_name} {side});"
             f" is {side_name} right, are x and y swapped?"
         )
-    return np.ascontiguousarray(values, dtype=np.uint16)
+    return _owned(values, np.uint16)
 
 
 def _times_us(t: NDArray) -> NDArray[np.int64]:
@@ -273,13 +278,13 @@ def _times_us(t: NDArray) -> NDArray[np.int64]:
             f"event {t.size - 1} has t = {t[-1]} us, more than three years: Unix time or"
             " nanoseconds? Use Events.from_arrays(..., origin_us=...) or time_unit='ns'"
         )
-    return np.ascontiguousarray(t, dtype=np.int64)
+    return _owned(t, np.int64)
 
 
 def _polarity(values: ArrayLike) -> NDArray[np.bool_]:
     p = _column(values, "p")
     if p.dtype == np.bool_:
-        return np.ascontiguousarray(p)
+        return _owned(p, np.bool_)
     p = _integers(p, "p")
     if not p.size:
         return p.astype(np.bool_)
@@ -291,7 +296,7 @@ def _polarity(values: ArrayLike) -> NDArray[np.bool_]:
             f"polarity mixes codings: -1 at event {int(np.argmax(p == -1))}, 0 at event"
             f" {int(np.argmax(p == 0))}; use booleans, {{0, 1}} or {{-1, 1}}"
         )
-    return np.ascontiguousarray(p > 0)
+    return p > 0
 
 
 def _to_us(values: ArrayLike, unit: str) -> NDArray:

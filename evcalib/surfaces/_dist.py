@@ -1,0 +1,93 @@
+"""The discounted, sorted timestamp surface."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from evcalib import _check
+from evcalib.errors import InputError
+from evcalib.events import Events
+from evcalib.kernels.dist import dist_render, dist_update
+from evcalib.kernels.time_surface import NEVER
+from evcalib.surfaces._base import Surface, odd_side, render_once
+
+
+class Dist(Surface):
+    """Discounted, sorted timestamps (Kim et al. 2021, sec. 4).
+
+    The last time of each pixel, less alpha times the time span of the events in its patch over
+    their number, replaced by its rank among the unique values over their number: float64 in
+    [0, 1).  Pixels that are alone in their patch become 0.  All events since the start or the
+    last `reset` count.
+
+    The paper's normalisation of time to [0, 1] does not change ranks and is left out.  The limit
+    of the counts, their quantile over all pixels, is at least 1: where nearly all pixels are
+    empty, the authors' code divides by zero.
+
+    Parameters
+    ----------
+    width, height : int
+        Sensor size [px].
+    alpha : float
+        Weight of the discount, not negative.
+    patch : int
+        Side of the patch [px], odd, 3 to 31.
+    clip : float
+        Quantile at which counts are clipped, in (0, 1].
+    polarity : {"split", "merged"}
+        The paper splits.
+    """
+
+    def __init__(
+        self,
+        width: int,
+        height: int,
+        *,
+        alpha: float = 3.0,
+        patch: int = 5,
+        clip: float = 0.99,
+        polarity: str = "split",
+    ) -> None:
+        self.alpha = float(alpha)
+        if not (math.isfinite(self.alpha) and self.alpha >= 0):
+            raise InputError(f"alpha must be a number of at least 0, not {alpha!r}")
+        self.patch = odd_side(patch, "patch")
+        self.clip = _check.positive(clip, "clip")
+        if self.clip > 1:
+            raise InputError(f"clip must be a share of at most 1, not {clip!r}")
+        super().__init__(width, height, polarity)
+
+    def _clear(self) -> None:
+        cells = self._planes * self.height * self.width
+        self._first, self._last, self._count = np.zeros((3, cells), dtype=np.int64)
+        self._start = NEVER
+
+    def _take(self, events: Events) -> None:
+        if self._start == NEVER:
+            self._start = int(events.t[0])
+        plane, state = self._plane(self.height * self.width), (self._first, self._last, self._count)
+        dist_update(*state, plane, events.x, events.y, events.t, events.p, self.width)
+
+    def _image(self, t: int) -> NDArray[np.float64]:
+        shape = (self._planes, self.height, self.width)
+        state = (self._first.reshape(shape), self._last.reshape(shape), self._count.reshape(shape))
+        options = (self._start, self.alpha, self.patch // 2, self.clip)
+        return np.stack([dist_render(*planes, *options) for planes in zip(*state, strict=True)])
+
+
+def dist(
+    events: Events,
+    t_us: int | None = None,
+    *,
+    alpha: float = 3.0,
+    patch: int = 5,
+    clip: float = 0.99,
+    polarity: str = "split",
+) -> NDArray[np.float64]:
+    """Return the discounted, sorted timestamps of the events up to `t_us` [us]; see `Dist`."""
+    options = {"alpha": alpha, "patch": patch, "clip": clip}
+    surface = Dist(events.width, events.height, **options, polarity=polarity)  # type: ignore[arg-type]
+    return render_once(surface, events, t_us)

@@ -1,0 +1,61 @@
+"""The time surface."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from evcalib import _check
+from evcalib.errors import InputError
+from evcalib.events import Events
+from evcalib.kernels.time_surface import NEVER, decay, sae_update
+from evcalib.surfaces._base import Surface, render_once
+
+
+class TimeSurface(Surface):
+    """Exponentially decayed time of the last event (Lagorce et al. 2017, eq. 2).
+
+    Float64 in [0, 1]: exp(-(t - t_last) / tau), and exactly 0 where no event ever came.
+
+    Parameters
+    ----------
+    width, height : int
+        Sensor size [px].
+    tau : float
+        Decay time [s].
+    polarity : {"merged", "split"}
+        Whether a pixel's last event is the last of either polarity, or each has its own image.
+    """
+
+    def __init__(
+        self, width: int, height: int, *, tau: float = 0.03, polarity: str = "merged"
+    ) -> None:
+        self.tau = _check.positive(tau, "tau", "seconds")
+        if not 1e-6 <= self.tau <= 1e6:
+            raise InputError(f"tau must be 1e-6 to 1e6 seconds, not {tau!r}")
+        super().__init__(width, height, polarity)
+
+    def _clear(self) -> None:
+        self._sae = np.full(self._planes * self.height * self.width, NEVER, dtype=np.int64)
+
+    def _take(self, events: Events) -> None:
+        plane = self._plane(self.height * self.width)
+        sae_update(self._sae, plane, events.x, events.y, events.t, events.p, self.width)
+
+    def _image(self, t: int) -> NDArray[np.float64]:
+        out = np.empty(self._sae.size)
+        decay(self._sae, t, 1e-6 / self.tau, out)
+        return out
+
+    def last_times(self) -> NDArray[np.int64]:
+        """Return a copy of the last event's time of each pixel [us], -1 where none came."""
+        shape = (self.height, self.width)
+        return self._sae.reshape(shape if self.polarity == "merged" else (2, *shape)).copy()
+
+
+def time_surface(
+    events: Events, t_us: int | None = None, *, tau: float = 0.03, polarity: str = "merged"
+) -> NDArray[np.float64]:
+    """Return the time surface of the events up to `t_us` [us]; see `TimeSurface`."""
+    surface = TimeSurface(events.width, events.height, tau=tau, polarity=polarity)
+    return render_once(surface, events, t_us)
