@@ -213,10 +213,11 @@ def _odd(r: NDArray, k: tuple[float, ...]) -> tuple[NDArray, NDArray]:
 
 def _first_turn(k: tuple[float, ...]) -> float:
     """Return the smallest r > 0 at which r (1 + k1 r^2 + ...) stops increasing."""
+    # The derivative as a polynomial in u = 1 / r^2, whose leading coefficient is 1.
     slope = [1.0] + [(2 * n + 1) * coefficient for n, coefficient in enumerate(k, start=1)]
-    roots = np.roots(np.trim_zeros(slope[::-1], "f"))
-    squares = roots[(np.abs(roots.imag) < 1e-12) & (roots.real > 0)].real
-    return float(np.sqrt(squares.min())) if squares.size else np.inf
+    roots = np.roots(slope)
+    turns = roots[(np.abs(roots.imag) < 1e-12) & (roots.real > 1e-12)].real
+    return float(1 / np.sqrt(turns.max())) if turns.size else np.inf
 
 
 def _solve(matrix: NDArray, right: NDArray) -> NDArray:

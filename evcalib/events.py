@@ -11,15 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from evcalib import _check
+from evcalib import _event_columns as take
+from evcalib._event_columns import MAX_TIME_US
 from evcalib.errors import InputError
 
-MAX_TIME_US = 10**14
-"""Times above this [us], about three years, are taken for Unix time or for nanoseconds."""
-
-MAX_SIDE = 65_535
-"""Largest width or height [px] whose pixels uint16 can count."""
-
-_PER_UNIT = {"s": 1_000_000, "ms": 1_000, "us": 1}
 _FIELDS = {
     "x": ("x",),
     "y": ("y",),
@@ -62,12 +57,12 @@ class Events:
     height: int
 
     def __post_init__(self) -> None:
-        width, height = _side(self.width, "width"), _side(self.height, "height")
-        t = _times_us(_integers(self.t, "t"))
+        width, height = take.side(self.width, "width"), take.side(self.height, "height")
+        t = take.times_us(self.t)
         columns = {
-            "x": _pixels(_integers(self.x, "x"), "x", width, "width"),
-            "y": _pixels(_integers(self.y, "y"), "y", height, "height"),
-            "p": _polarity(self.p),
+            "x": take.pixels(self.x, "x", width, "width"),
+            "y": take.pixels(self.y, "y", height, "height"),
+            "p": take.polarity(self.p),
             "t": t,
         }
         for name, column in columns.items():
@@ -110,9 +105,9 @@ class Events:
         InputError
             As the class; and if times are floats without a `time_unit` that says what they are.
         """
-        stamps = _to_us(t, _check.one_of(time_unit, "time_unit", ("us", "s", "ms", "ns")))
+        stamps = take.to_us(t, _check.one_of(time_unit, "time_unit", ("us", "s", "ms", "ns")))
         if origin_us:
-            stamps = _minus(stamps, int(origin_us))
+            stamps = take.minus(stamps, int(origin_us))
         return cls(x, y, stamps, p, width, height)  # type: ignore[arg-type]
 
     @classmethod
@@ -190,7 +185,7 @@ class Events:
     @property
     def duration(self) -> float:
         """Time from the first to the last event [s]; 0 without events."""
-        return float(self.t[-1] - self.t[0]) * 1e-6 if len(self) else 0.0
+        return float(self.t[-1] - self.t[0]) / 1e6 if len(self) else 0.0
 
     def between(self, t0_us: int, t1_us: int) -> Events:
         """Return the events with t0_us <= t < t1_us [us], as views."""
@@ -209,125 +204,8 @@ def _fill(events: Events, **values: object) -> Events:
     return events
 
 
-def _owned(values: NDArray, dtype: type) -> NDArray:
-    """Return the column as the kernels take it: native, aligned, contiguous."""
-    return np.require(values, dtype, ("C", "A"))
-
-
-def _side(value: int, name: str) -> int:
-    number = int(value) if isinstance(value, int | np.integer) else 0
-    if not 1 <= number <= MAX_SIDE:
-        raise InputError(f"{name} must be a whole number of 1 to {MAX_SIDE} pixels, not {value!r}")
-    return number
-
-
 def _field(names: tuple[str, ...], key: str) -> str:
     for name in _FIELDS[key]:
         if name in names:
             return name
     raise InputError(f"the array has no field {' or '.join(_FIELDS[key])}, only {', '.join(names)}")
-
-
-def _column(values: ArrayLike, name: str) -> NDArray:
-    try:
-        array = np.asarray(values)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"event column {name} is not an array: {error}") from None
-    if array.ndim != 1:
-        raise InputError(f"event column {name} must have shape (n,), not {array.shape}")
-    return array if array.size else array.astype(np.int64 if array.dtype == float else array.dtype)
-
-
-def _integers(values: ArrayLike, name: str) -> NDArray:
-    array = _column(values, name)
-    if array.dtype.kind in "iu":
-        return array
-    advice = "convert it, e.g. with astype(numpy.int64), if nothing is lost"
-    if name == "t":
-        advice = (
-            "say what they are: Events.from_arrays(..., time_unit='s') if seconds,"
-            " astype(numpy.int64) if microseconds"
-        )
-    raise InputError(f"event column {name} must hold integers, not {array.dtype}; {advice}")
-
-
-def _pixels(values: NDArray, name: str, side: int, side_name: str) -> NDArray[np.uint16]:
-    if values.size and (values.min() < 0 or values.max() >= side):
-        row = int(np.argmax((values < 0) | (values >= side)))
-        raise InputError(
-            f"event {row} has {name} = {values[row]}, outside the sensor ({side_name} {side});"
-            f" is {side_name} right, are x and y swapped?"
-        )
-    return _owned(values, np.uint16)
-
-
-def _times_us(t: NDArray) -> NDArray[np.int64]:
-    if not t.size:
-        return t.astype(np.int64)
-    back = t[1:] < t[:-1]
-    if back.any():
-        row = int(np.argmax(back)) + 1
-        raise InputError(
-            f"event {row} (t = {t[row]} us) comes before event {row - 1} (t = {t[row - 1]} us);"
-            " sort the events by time, stably, or find out why they are not"
-        )
-    if t[0] < 0:
-        raise InputError(f"event 0 has t = {t[0]} us; times start at 0 or later: shift them")
-    if t[-1] > MAX_TIME_US:
-        raise InputError(
-            f"event {t.size - 1} has t = {t[-1]} us, more than three years: Unix time or"
-            " nanoseconds? Use Events.from_arrays(..., origin_us=...) or time_unit='ns'"
-        )
-    return _owned(t, np.int64)
-
-
-def _polarity(values: ArrayLike) -> NDArray[np.bool_]:
-    p = _column(values, "p")
-    if p.dtype == np.bool_:
-        return _owned(p, np.bool_)
-    p = _integers(p, "p")
-    if not p.size:
-        return p.astype(np.bool_)
-    if p.min() < -1 or p.max() > 1:
-        row = int(np.argmax((p < -1) | (p > 1)))
-        raise InputError(f"event {row} has polarity {p[row]}; use booleans, {{0, 1}} or {{-1, 1}}")
-    if p.min() == -1 and (p == 0).any():
-        raise InputError(
-            f"polarity mixes codings: -1 at event {int(np.argmax(p == -1))}, 0 at event"
-            f" {int(np.argmax(p == 0))}; use booleans, {{0, 1}} or {{-1, 1}}"
-        )
-    return p > 0
-
-
-def _to_us(values: ArrayLike, unit: str) -> NDArray:
-    """Return times as integer microseconds, rounded to the nearest."""
-    if unit == "us":
-        return _integers(values, "t")
-    t = _column(values, "t")
-    if unit == "ns":
-        t = _integers(t, "t")
-        half_up = t % 1000 >= 500
-        return t // 1000 + half_up
-    scale = _PER_UNIT[unit]
-    if t.dtype.kind not in "iuf":
-        raise InputError(f"event column t must hold numbers, not {t.dtype}")
-    bad = ~(np.abs(t.astype(np.float64)) * scale < 2.0**62)
-    if bad.any():
-        row = int(np.argmax(bad))
-        raise InputError(f"event {row} has t = {t[row]} {unit}, not a usable time")
-    if t.dtype.kind in "iu":
-        return t.astype(np.int64) * scale
-    if t.size and np.spacing(np.abs(t).max()) * scale > 1:
-        raise InputError(
-            f"{t.dtype} cannot tell microseconds apart at t = {np.abs(t).max()} {unit};"
-            " read the times with more digits"
-        )
-    return np.rint(t.astype(np.float64) * scale).astype(np.int64)
-
-
-def _minus(t: NDArray, origin: int) -> NDArray[np.int64]:
-    """Subtract an origin [us] without wrapping around."""
-    limit = np.iinfo(np.int64).max
-    if t.size and (abs(origin) > limit // 2 or max(-int(t.min()), int(t.max())) > limit // 2):
-        raise InputError("times or origin_us are too large for microseconds")
-    return t.astype(np.int64) - origin
