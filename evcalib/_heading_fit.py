@@ -1,0 +1,194 @@
+"""One heading from the pooled correspondences of a window, or the reason why there is none."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from evcalib.epipolar import Translation, five_point, turn_explains, two_point
+
+Floats = NDArray[np.float64]
+
+TOO_FEW = "too few corners"
+STILL = "standing still, or too little motion"
+DISAGREE = "matches disagree"
+NO_PARALLAX = "no parallax: a turn explains the matches"
+UNCERTAIN = "direction uncertain"
+NOT_NEWER = "not newer than the heading before"
+
+STILL_PX = 2.0
+"""A median displacement [px] below this over the longer spans is localisation noise."""
+
+CELL_PX = 8
+"""Correspondences whose midpoints share a cell of this side [px] see the same corner."""
+
+SURVIVAL = 0.5
+"""A pair is kept if its share of inliers is at least this part of the best pair's."""
+
+SHARE = 0.3
+"""Least share of inliers; a strip of the threshold's width around random flow holds a tenth."""
+
+CELLS = 8
+"""Fewest cells that inliers come from."""
+
+_SOLVERS: dict[str, Callable[..., Translation | None]] = {
+    "two_point": two_point,
+    "five_point": five_point,
+}
+SOLVERS = tuple(_SOLVERS)
+
+
+@dataclass(frozen=True, eq=False)
+class Matches:
+    """Matched keypoints of one or more keyframe pairs, one per row.
+
+    Attributes
+    ----------
+    r1, r2 : ndarray, shape (n, 3)
+        Unit bearings.
+    xy1, xy2 : ndarray, shape (n, 2)
+        Pixels.
+    t1, t2 : ndarray, shape (n,)
+        Times of the keypoints [s].
+    pair : ndarray of int64, shape (n, 2)
+        Numbers of the two keyframes.
+    """
+
+    r1: Floats
+    r2: Floats
+    xy1: Floats
+    xy2: Floats
+    t1: Floats
+    t2: Floats
+    pair: NDArray[np.int64]
+
+    def __len__(self) -> int:
+        return int(self.t1.size)
+
+    def __getitem__(self, rows: NDArray) -> Matches:
+        return replace(self, **{f.name: getattr(self, f.name)[rows] for f in fields(self)})
+
+    @classmethod
+    def pooled(cls, parts: list[Matches]) -> Matches:
+        """Return the rows of all parts; there is at least one part."""
+        return cls(
+            *(np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(cls))
+        )
+
+    @property
+    def shift(self) -> Floats:
+        """Displacement of each [px]."""
+        return np.hypot(*(self.xy2 - self.xy1).T)
+
+    @property
+    def span(self) -> NDArray[np.int64]:
+        """Keyframes between the two of each."""
+        return self.pair[:, 1] - self.pair[:, 0]
+
+    @property
+    def cell(self) -> NDArray[np.int64]:
+        """Number of the cell of the midpoint: equal for sightings of one corner."""
+        col, row = ((self.xy1 + self.xy2) / (2 * CELL_PX)).astype(np.int64).T
+        return row * (1 << 20) + col
+
+
+@dataclass(frozen=True)
+class FitOptions:
+    """What `fit` needs to know: threshold and max_sd in radians."""
+
+    solver: str
+    threshold: float
+    min_inliers: int
+    max_sd: float
+    seed: int
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A heading: direction, inliers among the matches, and the mean times of these."""
+
+    translation: Translation
+    inliers: NDArray[np.bool_]
+    t: float
+    t_start: float
+    t_end: float
+
+
+def fit(matches: Matches, options: FitOptions) -> Fit | str:
+    """Return the heading of a window's matches, or why there is none."""
+    if len(matches) < options.min_inliers:
+        return TOO_FEW
+    longer = matches.span >= np.median(matches.span)
+    if np.median(matches.shift[longer]) < STILL_PX:
+        return STILL
+    rows = np.arange(len(matches))
+    if options.solver == "five_point":
+        rows = rows[_one_pair(matches)]
+    translation = _solve(matches[rows], options)
+    if translation is None:
+        return DISAGREE
+    kept = _surviving(matches[rows].pair, translation.inliers)
+    if not kept.all():
+        rows = rows[kept]
+        translation = _solve(matches[rows], options)
+        if translation is None:
+            return DISAGREE
+    used = matches[rows]
+    reason = _objection(used, translation, options)
+    if reason:
+        return reason
+    inliers = np.zeros(len(matches), dtype=np.bool_)
+    inliers[rows] = translation.inliers
+    return Fit(translation, inliers, *_mean_times(matches[inliers]))
+
+
+def _solve(matches: Matches, options: FitOptions) -> Translation | None:
+    solver = _SOLVERS[options.solver]
+    return solver(
+        matches.r1,
+        matches.r2,
+        threshold=options.threshold,
+        seed=options.seed,
+        groups=matches.cell,
+    )
+
+
+def _objection(matches: Matches, translation: Translation, options: FitOptions) -> str | None:
+    """Return what speaks against a heading."""
+    inliers = translation.inliers
+    if inliers.sum() < options.min_inliers or np.unique(matches.cell[inliers]).size < CELLS:
+        return TOO_FEW
+    if inliers.mean() < SHARE:
+        return DISAGREE
+    # Parallax grows with the span, and so does the evidence against a turn.
+    longer = matches[matches.span >= np.median(matches.span)]
+    spans = longer.t2 - longer.t1
+    if turn_explains(longer.r1, longer.r2, spans, translation, seed=options.seed):
+        return NO_PARALLAX
+    if not translation.sd <= options.max_sd:
+        return UNCERTAIN
+    return None
+
+
+def _surviving(pair: NDArray[np.int64], inliers: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Tell which rows belong to pairs whose matches survived the time between them."""
+    _, number, count = np.unique(pair, axis=0, return_inverse=True, return_counts=True)
+    share = np.bincount(number, inliers) / count
+    best = share[count >= min(8, count.max())].max()
+    return (share >= SURVIVAL * best)[number]
+
+
+def _one_pair(matches: Matches) -> NDArray[np.bool_]:
+    """Tell which rows belong to the pair of most displacement in all."""
+    _, number = np.unique(matches.pair, axis=0, return_inverse=True)
+    return number == np.argmax(np.bincount(number, matches.shift))
+
+
+def _mean_times(inliers: Matches) -> tuple[float, float, float]:
+    """Return mean time, mean start and mean end, each match weighted by its information."""
+    weight = inliers.shift**2
+    start, end = (float(np.average(t, weights=weight)) for t in (inliers.t1, inliers.t2))
+    return 0.5 * (start + end), start, end

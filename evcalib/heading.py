@@ -1,0 +1,367 @@
+"""Headings from raw events: keyframes, matches over many baselines, one direction per window."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from evcalib import _check
+from evcalib._heading_fit import NOT_NEWER, SOLVERS, TOO_FEW, Fit, FitOptions, Matches, fit
+from evcalib._keyframes import Counts, Keyframe, KeyframeMaker
+from evcalib.camera import Camera
+from evcalib.errors import InputError
+from evcalib.events import Events
+from evcalib.features import match
+from evcalib.series import HeadingSeries
+from evcalib.surfaces import SURFACES
+
+Floats = NDArray[np.float64]
+
+REACH = 0.25
+"""Matches are sought over displacements of up to this part of the sensor's width."""
+
+
+@dataclass(frozen=True)
+class Gap:
+    """A window without heading.
+
+    Attributes
+    ----------
+    t : float
+        Middle of the window [s].
+    reason : str
+        Why there is none.
+    """
+
+    t: float
+    reason: str
+
+
+@dataclass(frozen=True, eq=False)
+class Correspondences:
+    """Matches behind the headings.  Every keyframe pair appears once.
+
+    Attributes
+    ----------
+    r1, r2 : ndarray, shape (n, 3)
+        Unit bearings in the camera frame.
+    t1, t2 : ndarray, shape (n,)
+        Times of the corners themselves [s].
+    inlier : ndarray of bool, shape (n,)
+        Whether they agree with their heading.
+    pair : ndarray of int64, shape (n,)
+        Number of the keyframe pair, from 0.
+    heading : ndarray of int64, shape (n,)
+        Row of the heading.
+    """
+
+    r1: Floats
+    r2: Floats
+    t1: Floats
+    t2: Floats
+    inlier: NDArray[np.bool_]
+    pair: NDArray[np.int64]
+    heading: NDArray[np.int64]
+
+    def __len__(self) -> int:
+        return int(self.t1.size)
+
+
+@dataclass(frozen=True, eq=False)
+class HeadingEstimate:
+    """Headings of a recording and what became of the rest.
+
+    Attributes
+    ----------
+    headings : HeadingSeries
+        One row per heading found.  `t`, `t_start` and `t_end` are the mean middle, start and end
+        of its own inliers, weighted by squared displacement; `sd` is per tangent axis [rad];
+        `weight` is 1 / sd^2.
+    covariance : ndarray, shape (n, 3, 3)
+        Of each direction [rad^2].
+    gaps : tuple of Gap
+        The windows without heading, and why.
+    counts : Counts
+        Events, corners, keypoints and what was left out of them.
+    correspondences : Correspondences or None
+        Where asked for.
+    """
+
+    headings: HeadingSeries
+    covariance: Floats
+    gaps: tuple[Gap, ...]
+    counts: Counts
+    correspondences: Correspondences | None = None
+
+    @property
+    def found(self) -> float:
+        """Share of windows with a heading; 0 without windows."""
+        n = len(self.headings)
+        return n / max(n + len(self.gaps), 1)
+
+
+class HeadingEstimator:
+    """Headings of a stream that comes in pieces, in bounded memory; see `estimate_headings`.
+
+    Call `update` with each piece, then `finish`.  What grows with the recording is the result
+    alone.
+    """
+
+    def __init__(
+        self,
+        camera: Camera,
+        *,
+        surface: str = "tos_ts",
+        solver: str = "two_point",
+        rate: float = 20.0,
+        max_baseline: float = 0.7,
+        threshold: float = 1.5,
+        min_inliers: int = 20,
+        max_sd: float = 5.0,
+        seed: int = 0,
+        keep_correspondences: bool = False,
+    ) -> None:
+        _check.one_of(surface, "surface", tuple(SURFACES))
+        _check.one_of(solver, "solver", SOLVERS)
+        rate = _check.positive(rate, "rate", "hertz")
+        if not 0.1 <= rate <= 1000:
+            raise InputError(f"rate must be 0.1 to 1000 hertz, not {rate!r}")
+        steps = round(_check.positive(max_baseline, "max_baseline", "seconds") * rate)
+        if not 1 <= steps <= 100:
+            raise InputError(
+                f"max_baseline must be 1 to 100 keyframe intervals, not {steps}"
+                f" ({max_baseline} s at {rate} hertz)"
+            )
+        focal = np.sqrt(camera.fx * camera.fy)
+        self._options = FitOptions(
+            solver=solver,
+            threshold=_check.positive(threshold, "threshold", "pixels") / focal,
+            min_inliers=int(_check.positive(min_inliers, "min_inliers")),
+            max_sd=np.deg2rad(_check.positive(max_sd, "max_sd", "degrees")),
+            seed=int(seed),
+        )
+        self._maker = KeyframeMaker(camera, surface, rate, seed)
+        self._reach = REACH * camera.width
+        self._steps = steps
+        self._lag = (steps + 1) // 2
+        self._keyframes: deque[Keyframe] = deque(maxlen=2 * self._lag + 1)
+        self._next = 0
+        self._shared: list[Matches] = []
+        self._keep = keep_correspondences
+        self._fits: list[Fit] = []
+        self._kept: list[tuple[Matches, NDArray[np.bool_]]] = []
+        self._gaps: list[Gap] = []
+
+    def update(self, events: Events) -> None:
+        """Take in the next events of the stream."""
+        for keyframe in self._maker.update(events):
+            if self._keyframes and keyframe.number != self._keyframes[-1].number + 1:
+                self._drain()
+            if not self._keyframes:
+                self._next = keyframe.number
+            self._keyframes.append(keyframe)
+            if keyframe.number - self._next >= self._lag:
+                self._close_window()
+
+    def finish(self) -> HeadingEstimate:
+        """Return the headings of all events taken in.
+
+        Raises
+        ------
+        InputError
+            If there were no events, or they do not span two keyframes.
+        """
+        counts = self._maker.counts
+        if not counts.events:
+            raise InputError("the stream holds no events")
+        if counts.keyframes < 2:
+            raise InputError(
+                f"the stream of {self._maker.duration:.3f} s is shorter than one baseline: it must"
+                f" span two keyframes ({2 * self._maker.step:.3f} s); raise the rate or record"
+                " longer"
+            )
+        self._drain()
+        fits = self._fits
+        sd = np.array([f.translation.sd for f in fits])
+        headings = HeadingSeries(
+            t=np.array([f.t for f in fits]),
+            v=np.array([f.translation.direction for f in fits]).reshape(-1, 3),
+            t_start=np.array([f.t_start for f in fits]),
+            t_end=np.array([f.t_end for f in fits]),
+            weight=1.0 / sd**2,
+            sd=sd,
+            inliers=np.array([float(f.inliers.sum()) for f in fits]),
+        )
+        covariance = np.array([f.translation.covariance for f in fits]).reshape(-1, 3, 3)
+        kept = _correspondences(self._kept) if self._keep else None
+        return HeadingEstimate(headings, covariance, tuple(self._gaps), counts, kept)
+
+    def _drain(self) -> None:
+        """Close the windows that wait for keyframes that will not come."""
+        while self._keyframes and self._next <= self._keyframes[-1].number:
+            self._close_window()
+        self._keyframes.clear()
+        self._shared = []
+
+    def _close_window(self) -> None:
+        """Fit the window around keyframe `_next`: pairs whose middles lie within half a step.
+
+        Pairs with their middle half a step later serve the next window too.
+        """
+        centre = self._next
+        self._next += 1
+        middle, later = self._matches(2 * centre), self._matches(2 * centre + 1)
+        parts = [*self._shared, *middle, *later]
+        self._shared = later
+        t = centre * self._maker.step
+        if not parts:
+            self._gaps.append(Gap(t, TOO_FEW))
+            return
+        matches = Matches.pooled(parts)
+        found = fit(matches, self._options)
+        if isinstance(found, Fit) and self._fits and found.t <= self._fits[-1].t:
+            found = NOT_NEWER
+        if isinstance(found, str):
+            self._gaps.append(Gap(t, found))
+            return
+        if self._keep:
+            own = matches.pair.sum(axis=1) >= 2 * centre
+            self._kept.append((matches[own], found.inliers[own]))
+        self._fits.append(found)
+
+    def _matches(self, middle: int) -> list[Matches]:
+        """Match all keyframe pairs whose numbers add up to `middle`, within the baselines."""
+        first = self._keyframes[0].number
+        found = []
+        for span in range(1 + (middle + 1) % 2, self._steps + 1, 2):
+            low, high = (middle - span) // 2 - first, (middle + span) // 2 - first
+            if low < 0 or high >= len(self._keyframes):
+                break
+            pair = self._match(self._keyframes[low], self._keyframes[high])
+            if pair is not None:
+                found.append(pair)
+        return found
+
+    def _match(self, before: Keyframe, after: Keyframe) -> Matches | None:
+        """Match two keyframes, unless the typical corner left the reach in between."""
+        expected = 0.5 * (before.flow + after.flow) * (after.t - before.t)
+        if expected > self._reach:
+            return None
+        reach = min(self._reach, 3.0 * expected + 16.0)
+        pairs = match(before.keypoints, after.keypoints, reach=reach)
+        if not len(pairs):
+            return None
+        i, j = pairs.T
+        return Matches(
+            r1=before.bearings[i],
+            r2=after.bearings[j],
+            xy1=before.keypoints.xy[i],
+            xy2=after.keypoints.xy[j],
+            t1=before.keypoints.t[i],
+            t2=after.keypoints.t[j],
+            pair=np.tile([before.number, after.number], (len(pairs), 1)),
+        )
+
+
+def estimate_headings(
+    events: Events | Iterable[Events],
+    camera: Camera,
+    *,
+    surface: str = "tos_ts",
+    solver: str = "two_point",
+    rate: float = 20.0,
+    max_baseline: float = 0.7,
+    threshold: float = 1.5,
+    min_inliers: int = 20,
+    max_sd: float = 5.0,
+    seed: int = 0,
+    keep_correspondences: bool = False,
+) -> HeadingEstimate:
+    """Estimate the direction of motion of an event camera from its events.
+
+    At each keyframe the corner events of late become keypoints, described by BRIEF on an event
+    surface.  A window around a keyframe pools the matches of all pairs of keyframes that lie
+    evenly about it, up to the longest baseline over which matches survive, and one translation is
+    fitted to them all.  The paper takes one pair and the essential matrix; pooling and the
+    two-point solver are what makes a heading accurate to a degree.
+
+    Parameters
+    ----------
+    events : Events or iterable of Events
+        The stream, whole or in pieces; of pieces only one is held at a time.
+    camera : Camera
+        Calibrated for the size of the events.
+    surface : {"tos_ts", "tos", "ts", "silc", "dist"}
+        Where keypoints are described, polarities merged.
+    solver : {"two_point", "five_point"}
+        A camera that does not turn, over all pairs; or the essential matrix of the one pair of
+        most displacement, as in the paper.
+    rate : float
+        Keyframes per second [Hz].
+    max_baseline : float
+        Longest time between matched keyframes [s].
+    threshold : float
+        Largest epipolar residual of an inlier [px].
+    min_inliers : int
+        Fewest inliers of a heading.
+    max_sd : float
+        Largest standard deviation of a heading [deg].
+    seed : int
+        Of the descriptor's pattern and of the solver's samples.
+    keep_correspondences : bool
+        Keep the matches of all headings, which then grow with the recording.
+
+    Returns
+    -------
+    HeadingEstimate
+        Headings, and the windows without: too few corners, standing still, no parallax (a turn
+        explains the matches as well), matches that disagree, a direction too uncertain.
+
+    Raises
+    ------
+    InputError
+        If the events do not fit the camera, are not in order, or do not span two keyframes; or if
+        an option is unusable.
+
+    References
+    ----------
+    Li et al. 2024, section III.
+    """
+    estimator = HeadingEstimator(
+        camera,
+        surface=surface,
+        solver=solver,
+        rate=rate,
+        max_baseline=max_baseline,
+        threshold=threshold,
+        min_inliers=min_inliers,
+        max_sd=max_sd,
+        seed=seed,
+        keep_correspondences=keep_correspondences,
+    )
+    for piece in [events] if isinstance(events, Events) else events:
+        estimator.update(piece)
+    return estimator.finish()
+
+
+def _correspondences(kept: list[tuple[Matches, NDArray[np.bool_]]]) -> Correspondences:
+    """Join the matches of all headings."""
+    if not kept:
+        none = np.empty(0)
+        rows = np.empty((0, 3))
+        whole = np.empty(0, dtype=np.int64)
+        return Correspondences(rows, rows, none, none, whole > 0, whole, whole)
+    matches = Matches.pooled([m for m, _ in kept])
+    return Correspondences(
+        r1=matches.r1,
+        r2=matches.r2,
+        t1=matches.t1,
+        t2=matches.t2,
+        inlier=np.concatenate([inliers for _, inliers in kept]),
+        pair=np.unique(matches.pair, axis=0, return_inverse=True)[1].astype(np.int64),
+        heading=np.repeat(np.arange(len(kept)), [len(m) for m, _ in kept]),
+    )
