@@ -15,7 +15,7 @@ from evcalib.surfaces._base import Surface, render_once
 class TimeSurface(Surface):
     """Exponentially decayed time of the last event (Lagorce et al. 2017, eq. 2).
 
-    Float64 in [0, 1]: exp(-(t - t_last) / tau), and exactly 0 where no event ever came.
+    Float64 in [0, 1]: exp(-(t - t_last) / tau) to 1e-14, and exactly 0 where no event ever came.
 
     Parameters
     ----------
