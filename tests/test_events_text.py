@@ -1,6 +1,7 @@
 """The reader of `t x y p` text against exact decimals, NumPy, and damaged files."""
 
 import gzip
+import tracemalloc
 import zipfile
 from decimal import ROUND_HALF_UP, Decimal
 
@@ -53,6 +54,18 @@ def test_blocks_do_not_change_the_events(data):
     for name in "xytp":
         joined = np.concatenate([getattr(piece, name) for piece in pieces])
         np.testing.assert_array_equal(joined, getattr(whole, name))
+
+
+def test_memory_stays_bounded(write):
+    line = b"0.500000 100 100 1\n"
+    path = write(gzip.compress(line * 500_000), "long.gz")
+    next(read_events_text(path, 240, 180))  # compiled, so that only the reading is measured
+    tracemalloc.start()
+    n = sum(len(piece) for piece in read_events_text(path, 240, 180, block_bytes=1 << 16))
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert n == 500_000
+    assert peak < 1_500_000  # the text has 9.5 million bytes
 
 
 @given(st.integers(64, 200), st.integers(1, 60))
