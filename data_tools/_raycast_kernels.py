@@ -83,24 +83,21 @@ def to_box(vector, cosine, sine):
 
 
 @jit
-def cast(origin, ray, near, room, boxes):
-    """Return the first hit of a ray.
+def meet_box(ray, near, row, boxes):
+    """Return (distance, axis) of a ray's entry into the box of a row of `near` (see `place`).
 
-    `near` holds the boxes to test, nearest first, one row each: origin of the ray in the box's
-    axes (3), distance below which the box cannot be hit, index of the box.
+    Also the ray's origin and direction in the axes of the box.
     """
-    distance, axis = exit_room(origin, ray, room)
-    body, start, direction = 0, origin, ray
-    for k in range(near.shape[0]):
-        if near[k, 3] >= distance:
-            break
-        b = int(near[k, 4])
-        local = to_box(ray, boxes[b, 6], boxes[b, 7])
-        shifted = (near[k, 0], near[k, 1], near[k, 2])
-        entry, a = enter_box(shifted, local, (boxes[b, 3], boxes[b, 4], boxes[b, 5]))
-        if entry < distance:
-            distance, axis, body = entry, a, b + 1
-            start, direction = shifted, local
+    b = int(near[row, 4])
+    direction = to_box(ray, boxes[b, 6], boxes[b, 7])
+    start = (near[row, 0], near[row, 1], near[row, 2])
+    entry, axis = enter_box(start, direction, (boxes[b, 3], boxes[b, 4], boxes[b, 5]))
+    return entry, axis, start, direction
+
+
+@jit
+def hit_at(distance, axis, body, start, direction):
+    """Return the hit of a ray that meets a body at right angles to an axis."""
     x = start[0] + distance * direction[0]
     y = start[1] + distance * direction[1]
     z = start[2] + distance * direction[2]
@@ -125,19 +122,25 @@ def bilinear(texels, start, side, x, y):
 
 
 @jit
+def at_level(texels, side, texture, u, v, level):
+    """Return a texture's value at a whole level, whose side is `side` / 2^level texels.
+
+    4 (side^2 - (side / 2^level)^2) / 3 texels of finer levels come before it.
+    """
+    size = side >> level
+    scale = size / side
+    first = (texture * (4 * side * side - 1) + 4 * (side * side - size * size)) // 3
+    return bilinear(texels, first, size, u * scale, v * scale)
+
+
+@jit
 def reflectance(texels, side, texture, u, v, level):
-    """Return a texture at a level of detail: log2 of the texels per sample, also fractions."""
-    size = side
-    first = texture * ((4 * side * side - 1) // 3)
-    while level >= 1.0 and size > 1:
-        first += size * size
-        size >>= 1
-        level, u, v = level - 1.0, 0.5 * u, 0.5 * v
-    value = bilinear(texels, first, size, u, v)
-    if level > 0.0 and size > 1:
-        coarse = bilinear(texels, first + size * size, size >> 1, 0.5 * u, 0.5 * v)
-        value += level * (coarse - value)
-    return value
+    """Return a texture's value between two levels of detail (log2 of the texels per sample)."""
+    fine = int(level)
+    value = at_level(texels, side, texture, u, v, fine)
+    if level == fine:
+        return value
+    return value + (level - fine) * (at_level(texels, side, texture, u, v, fine + 1) - value)
 
 
 @jit
@@ -162,7 +165,11 @@ def box_distance(x, y, z, b, boxes):
 
 @jit
 def place(pose, near, boxes):
-    """Fill the rows of `near` for a pose and put them in order; column 4 is given."""
+    """Fill the rows of `near` for a pose: the boxes to test, nearest first.
+
+    Columns: origin of the rays in the axes of the box (3), distance below which the box cannot be
+    hit, index of the box.  Only the index is given.
+    """
     for k in range(near.shape[0]):
         b = near[k, 4]
         gap, local = box_distance(pose[0], pose[1], pose[2], int(b), boxes)
@@ -198,29 +205,42 @@ def boxes_in_cone(pose, axis, half_angle, slack, near, boxes):
 
 
 @jit
-def render_pixels(pixels, pose, bearings, sample_angle, near, scene, light):
-    """Write what a rectangle of pixels gathers: each the mean over its rays.
+def render_pixels(pixels, pose, bearings, sample_angle, near, scene, light, depth):
+    """Write what a rectangle of pixels gathers, the mean over its rays, and how far the last goes.
 
     `pixels` are first and past-last column and row, and the pixels per row of `light`.  Each ray
     stands for `sample_angle` [rad]; its longer footprint on the surface picks the level of detail,
-    so that nothing aliases.  Rays on one face share the level of the first.  The arrays are taken
-    out of the scene once: counting references to them costs more than a ray.
+    so that nothing aliases.  Rays on one face share the level of the first.
+
+    The loops are here, and the arrays taken out of the scene once, because numba counts
+    references atomically around calls to functions that loop: that costs more than a ray.
     """
     room, boxes, faces, texels = scene.room, scene.boxes, scene.faces, scene.texels
     origin = (pose[0], pose[1], pose[2])
-    scale = sample_angle * scene.per_metre
+    scale, coarsest = sample_angle * scene.per_metre, math.log2(scene.side)
     left, right, top, bottom, width = pixels
     for y in range(top, bottom):
         for i in range(y * width + left, y * width + right):
             total, level, face = 0.0, 0.0, -1
             for k in range(bearings.shape[1]):
                 ray = turn(pose, bearings[i, k, 0], bearings[i, k, 1], bearings[i, k, 2])
-                hit = cast(origin, ray, near, room, boxes)
+                distance, axis = exit_room(origin, ray, room)
+                body, start, direction = 0, origin, ray
+                for row in range(near.shape[0]):
+                    if near[row, 3] >= distance:
+                        break
+                    entry, a, from_box, in_box = meet_box(ray, near, row, boxes)
+                    if entry < distance:
+                        distance, axis, body = entry, a, int(near[row, 4]) + 1
+                        start, direction = from_box, in_box
+                hit = hit_at(distance, axis, body, start, direction)
                 if hit.face != face:
                     face = hit.face
-                    level = math.log2(max(hit.distance * scale / max(hit.cosine, 1e-6), 1.0))
+                    footprint = hit.distance * scale / max(hit.cosine, 1e-6)
+                    level = min(math.log2(max(footprint, 1.0)), coarsest)
                 u = hit.u * scene.per_metre + faces[face, 1]
                 v = hit.v * scene.per_metre + faces[face, 2]
                 texture = int(faces[face, 0])
                 total += faces[face, 3] * reflectance(texels, scene.side, texture, u, v, level)
+                depth[i] = distance
             light[i] = total / bearings.shape[1]

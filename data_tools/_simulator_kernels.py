@@ -11,7 +11,6 @@ import numpy as np
 
 from data_tools._raycast_kernels import (
     boxes_in_cone,
-    cast,
     exit_room,
     place,
     render_pixels,
@@ -27,7 +26,7 @@ class View(NamedTuple):
     """The camera cut into tiles."""
 
     bearings: np.ndarray  # (pixels, samples, 3) rays of each pixel, camera frame
-    centres: np.ndarray  # (pixels, 3) ray through each pixel's centre
+    centres: np.ndarray  # (pixels, 1, 3) ray through each pixel's centre
     pixel_angle: np.ndarray  # (tiles,) angle between neighbouring pixels [rad], the smallest
     corners: np.ndarray  # (tiles, 4, 3) bearings at the corners
     axes: np.ndarray  # (tiles, 4) bearing of the centre, half angle around it [rad]
@@ -103,6 +102,14 @@ def emit(i, t, p, buffer):
 
 
 @jit
+def is_quiet(i, t1, l1, state):
+    """Say whether a pixel that is not held reports nothing up to t1 [us] and log intensity l1."""
+    reference = state[i, REFERENCE]
+    within = reference - state[i, OFF] < l1 < reference + state[i, ON]
+    return within and state[i, NOISE_AT] > t1
+
+
+@jit
 def advance(i, t0, t1, l1, sensor, state, buffer):
     """Carry a pixel from t0 to t1 [us], its log intensity moving on a line to `l1`.
 
@@ -113,8 +120,6 @@ def advance(i, t0, t1, l1, sensor, state, buffer):
     l0, reference = state[i, LEVEL], state[i, REFERENCE]
     on, off = state[i, ON], state[i, OFF]
     state[i, LEVEL] = l1
-    if reference - off < l1 < reference + on and state[i, NOISE_AT] > t1:
-        return
     slope = (l1 - l0) / (t1 - t0)
     now = t0
     while True:
@@ -212,35 +217,29 @@ def plan(tile, t0, t1, fraction, view, poses, scene, near):
 
 
 @jit
-def render_tile(tile, pose, near, view, scene, light):
-    """Write the light of a tile's pixels into `light`, shape (pixels of the sensor,)."""
+def render_tile(tile, pose, near, bearings, view, scene, light, depth):
+    """Write the light and the distance of a tile's pixels, seen along these rays of theirs."""
     place(pose, near, scene.boxes)
     left, right, top, bottom = view.bounds[tile]
     pixels = (left, right, top, bottom, view.width)
     angle = 0.5 * view.pixel_angle[tile]
-    render_pixels(pixels, pose, view.bearings, angle, near, scene, light)
+    render_pixels(pixels, pose, bearings, angle, near, scene, light, depth)
 
 
 @jit
-def render(pose, view, scene, light, depth):
-    """Fill the light and the distance [m] along the central ray of every pixel."""
+def render(pose, bearings, view, scene, light, depth):
+    """Render a whole image."""
     near = np.empty((scene.boxes.shape[0], 5))
-    origin = (pose[0], pose[1], pose[2])
     for tile in range(view.bounds.shape[0]):
         count = boxes_of_tile(tile, pose, 0.0, view, scene.boxes, near)
-        render_tile(tile, pose, near[:count], view, scene, light)
-        left, right, top, bottom = view.bounds[tile]
-        for y in range(top, bottom):
-            for i in range(y * view.width + left, y * view.width + right):
-                ray = turn(pose, view.centres[i, 0], view.centres[i, 1], view.centres[i, 2])
-                depth[i] = cast(origin, ray, near[:count], scene.room, scene.boxes).distance
+        render_tile(tile, pose, near[:count], bearings, view, scene, light, depth)
 
 
 @jit
-def start_pixels(t, light, sensor, state):
-    """Set every pixel to the light it sees at `t` [us], and draw the first noise events."""
-    for i in range(light.size):
-        state[i, LEVEL] = state[i, REFERENCE] = math.log(light[i] + DARK)
+def start_pixels(t, levels, sensor, state):
+    """Set every pixel to a log intensity at `t` [us], and draw the first noise events."""
+    for i in range(levels.size):
+        state[i, LEVEL] = state[i, REFERENCE] = levels[i]
         state[i, NOISE_AT] = math.inf
         if sensor.noise_rate > 0.0:
             state[i, NOISE_AT] = t
@@ -251,7 +250,7 @@ def start_pixels(t, light, sensor, state):
 def simulate_tiles(tiles, blocks, fraction, view, poses, scene, sensor, state, buffer):
     """Carry tiles through blocks of time, whose edges are `blocks` [us]."""
     pose, near = np.empty(16), np.empty((scene.boxes.shape[0], 5))
-    light = np.empty(state.shape[0])
+    light, depth = np.empty(state.shape[0]), np.empty(state.shape[0])
     for tile in tiles:
         left, right, top, bottom = view.bounds[tile]
         for b in range(blocks.size - 1):
@@ -261,11 +260,14 @@ def simulate_tiles(tiles, blocks, fraction, view, poses, scene, sensor, state, b
             for k in range(1, steps + 1):
                 now = t1 if k == steps else t0 + k * (t1 - t0) / steps
                 pose_at(now, poses, pose)
-                render_tile(tile, pose, near[:count], view, scene, light)
+                render_tile(tile, pose, near[:count], view.bearings, view, scene, light, depth)
                 for y in range(top, bottom):
                     for i in range(y * view.width + left, y * view.width + right):
                         level = math.log(light[i] + DARK)
-                        advance(i, before, now, level, sensor, state, buffer)
+                        if is_quiet(i, now, level, state):
+                            state[i, LEVEL] = level
+                        else:
+                            advance(i, before, now, level, sensor, state, buffer)
                 before = now
 
 

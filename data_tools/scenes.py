@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import gaussian_filter
 
+from data_tools._random import generator
 from data_tools._raycast_kernels import SceneArrays
 from evcalib import _check
 from evcalib.errors import InputError
@@ -35,10 +36,11 @@ class Scene:
     boxes : ndarray, shape (n, 7)
         Centre (3), half sizes (3) [m], yaw [rad] of boxes that stand in the room.
     faces : ndarray, shape (6 (n + 1), 4), optional
-        Texture index, shift of the texture [m] along the face's two coordinates (those of x, y, z
-        that vary on it, in this order, from the room's origin or the box's centre), gain.  Row
-        6 b + 2 a + s: body b (0 the room, then the boxes), axis a, side s (1 = larger
-        coordinate).  By default texture 0 everywhere, not shifted.
+        Texture index, shift of the texture [m] along the face's two coordinates, gain.  The
+        coordinates are those of x, y, z that vary on the face, in this order, of the world for
+        the room and of its own axes and centre for a box; coordinate u shows column
+        (u + shift) / texel of the texture.  Row 6 b + 2 a + s: body b (0 the room, then the
+        boxes), axis a, side s (1 = larger coordinate).  By default texture 0, not shifted.
 
     Raises
     ------
@@ -135,14 +137,18 @@ def dead_leaves(seed: int, side: int = 1024, smallest: float = 10.0) -> NDArray[
     ndarray of float32, shape (side, side)
         Reflectances between 0.08 and 0.92.
     """
-    rng = np.random.default_rng([seed, 0x1EAF])
+    rng = generator(seed, "texture")
     canvas = np.full((2 * side, 2 * side), 0.4, dtype=np.float32)
-    for radius in _radii(rng, 2 * smallest, 0.4 * side, 8 * side):
-        corners = int(rng.integers(3, 7))
-        turns = (np.arange(corners) + rng.uniform(0.2, 0.8, corners)) * (2 * np.pi / corners)
-        outline = radius * np.stack([np.cos(turns), np.sin(turns)], axis=1)
-        albedo = float(0.08 * 11.5 ** rng.random())
-        _stamp(canvas, rng.uniform(0, 2 * side, 2) + outline, albedo)
+    count = 8 * side
+    radii = _radii(rng, 2 * smallest, 0.4 * side, count)
+    albedos = 0.08 * 11.5 ** rng.random(count)
+    centres = rng.uniform(0, 2 * side, (count, 2))
+    corners = rng.integers(3, 7, count)
+    turns = 2 * np.pi * (np.arange(6) + rng.uniform(0.2, 0.8, (count, 6))) / corners[:, None]
+    outlines = radii[:, None, None] * np.stack([np.cos(turns), np.sin(turns)], axis=2)
+    outlines = np.rint(outlines + centres[:, None]).astype(np.int32)
+    for outline, n, albedo in zip(outlines, corners, albedos.tolist(), strict=True):
+        _stamp(canvas, outline[:n], albedo)
     halved = canvas.reshape(side, 2, side, 2).mean(axis=(1, 3))
     return gaussian_filter(halved, 0.6, mode="wrap")
 
@@ -153,15 +159,16 @@ def _radii(rng: np.random.Generator, low: float, high: float, count: int) -> Flo
     return 1.0 / np.sqrt(u / high**2 + (1 - u) / low**2)
 
 
-def _stamp(canvas: NDArray[np.float32], outline: Floats, value: float) -> None:
+def _stamp(canvas: NDArray[np.float32], outline: NDArray[np.int32], value: float) -> None:
     """Fill a polygon on a periodic canvas."""
-    side = canvas.shape[0]
-    low, high = outline.min(axis=0), outline.max(axis=0)
-    for dx in (0, -side, side):
-        for dy in (0, -side, side):
-            if low[0] + dx < side and high[0] + dx > 0 and low[1] + dy < side and high[1] + dy > 0:
-                corners = np.rint(outline + (dx, dy)).astype(np.int32)
-                cv2.fillConvexPoly(canvas, corners, value)
+    for dx in _shifts(outline[:, 0], len(canvas)):
+        for dy in _shifts(outline[:, 1], len(canvas)):
+            cv2.fillConvexPoly(canvas, outline + np.array([dx, dy], dtype=np.int32), value)
+
+
+def _shifts(values: NDArray[np.int32], side: int) -> list[int]:
+    """Return the shifts at which a periodic shape shows: itself, and once per border it crosses."""
+    return [0] + [side] * bool(values.min() < 0) + [-side] * bool(values.max() >= side)
 
 
 def furnished_room(
@@ -196,7 +203,7 @@ def furnished_room(
     path = _check.floats(positions, "positions", (None, 3))
     if not len(path):
         raise InputError("positions hold no point: a room needs a path to stand around")
-    rng = np.random.default_rng([seed, 0x500])
+    rng = generator(seed, "room")
     low, high = path.min(axis=0), path.max(axis=0)
     room = np.array([low, high]) + np.array([[-margin], [margin]])
     room[0, 2], room[1, 2] = min(0.0, low[2] - 0.3), max(3.0, high[2] + 1.0)

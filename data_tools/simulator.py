@@ -14,14 +14,17 @@ import os
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import repeat
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from data_tools import _simulator_kernels as kernels
-from data_tools._simulator_setup import camera_view, merge, new_state, simulate_part
+from data_tools._raycast_kernels import SceneArrays
+from data_tools._simulator_tiles import camera_view, simulate_part
 from data_tools.scenes import Scene, furnished_room
+from data_tools.sensor import Sensor, merge
 from data_tools.trajectory import Trajectory
 from evcalib import _check
 from evcalib.camera import Camera
@@ -42,39 +45,6 @@ POSE_US = 1_000
 
 PARTS = 16
 """Sets of tiles that threads take one by one; fixed, so that threads do not change the result."""
-
-
-@dataclass(frozen=True)
-class Sensor:
-    """What the pixels do.
-
-    Attributes
-    ----------
-    threshold_on, threshold_off : float
-        Change of log intensity that makes an event.
-    mismatch : float
-        Standard deviation of the thresholds, as a share of each; drawn once per pixel and
-        polarity.  No threshold falls below a quarter of its nominal value.
-    refractory : float
-        Time [s] after an event in which the pixel is held in reset.
-    noise_rate : float
-        Background activity [events per second and pixel]: a Poisson process, both polarities
-        equally often.  It resets the pixel like any event.
-    """
-
-    threshold_on: float = 0.2
-    threshold_off: float = 0.2
-    mismatch: float = 0.03
-    refractory: float = 1e-4
-    noise_rate: float = 0.1
-
-    def __post_init__(self) -> None:
-        _check.positive(self.threshold_on, "threshold_on")
-        _check.positive(self.threshold_off, "threshold_off")
-        for name in ("mismatch", "refractory", "noise_rate"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value >= 0):
-                raise InputError(f"{name} must be a number of at least 0, not {value!r}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,7 +143,7 @@ class Simulator:
     scene: Scene
     R_body_cam: Floats = field(default_factory=FORWARD.copy)
     lever: tuple[float, float, float] = (0.0, 0.0, 0.8)
-    sensor: Sensor = Sensor()
+    sensor: Sensor = field(default_factory=Sensor)
     seed: int = 0
     fraction: float = 0.5
 
@@ -207,36 +177,35 @@ class Simulator:
         times = _check.floats(frame_times, "frame_times", (None,))
         frames = np.empty((times.size, self.camera.height, self.camera.width), dtype=np.float32)
         for frame, t in zip(frames, times, strict=True):
-            frame[:] = self.frame(t)[0]
+            frame[:] = self.frame(t)
         edges = self._blocks()
         truth = self.truth(1e-6 * np.arange(edges[0], edges[-1] + 1, POSE_US))
         return Simulation(events, truth, times, frames)
 
     def stream(self, *, threads: int | None = None) -> Iterator[Events]:
         """Yield the events in pieces of 0.2 s, in bounded memory; `threads` as in `run`."""
-        sensor, state = self._sensor(), self._state()
-        view, scene = camera_view(self.camera), self.scene.arrays()
-        edges = self._blocks()
-        light = self.frame(1e-6 * edges[0])[0].astype(np.float64)
-        kernels.start_pixels(edges[0], light.ravel(), sensor, state)
+        camera, sensor = self.camera, self.sensor.parameters(self.seed)
+        state = self.sensor.new_state(camera.width * camera.height, self.seed)
+        view, scene, edges = self._view, self._arrays, self._blocks()
+        light, _ = self._render(1e-6 * edges[0], view.bearings)
+        kernels.start_pixels(edges[0], np.log(light + kernels.DARK), sensor, state)
         tiles = [np.arange(k, len(view.bounds), PARTS) for k in range(PARTS)]
         with ThreadPoolExecutor(threads or min(os.cpu_count() or 1, 4)) as pool:
             for first in range(0, edges.size - 1, 10):
                 span = edges[first : first + 11]
                 world = (span, self.fraction, view, self._poses(span), scene, sensor)
                 buffers = pool.map(simulate_part, tiles, repeat(world), repeat(state))
-                yield merge(list(buffers), self.camera)
+                yield merge(list(buffers), camera.width, camera.height)
 
-    def frame(self, t: float) -> tuple[NDArray[np.float32], Floats]:
-        """Return the linear intensity and the distance [m] along each pixel's ray at `t` [s].
+    def frame(self, t: float) -> NDArray[np.float32]:
+        """Return the linear intensity at `t` [s], shape (height, width)."""
+        light, _ = self._render(t, self._view.bearings)
+        return light.reshape(self.camera.height, self.camera.width).astype(np.float32)
 
-        Both have shape (height, width).
-        """
-        shape = (self.camera.height, self.camera.width)
-        light, depth = np.empty((2, shape[0] * shape[1]))
-        view, scene = camera_view(self.camera), self.scene.arrays()
-        kernels.render(pose_rows(self.truth([t]))[0], view, scene, light, depth)
-        return light.reshape(shape).astype(np.float32), depth.reshape(shape)
+    def depth(self, t: float) -> Floats:
+        """Return the distance [m] along the bearing of each pixel at `t` [s], (height, width)."""
+        _, depth = self._render(t, self._view.centres)
+        return depth.reshape(self.camera.height, self.camera.width)
 
     def truth(self, t: ArrayLike) -> Truth:
         """Return what the camera does at times `t` [s] within the trajectory."""
@@ -251,6 +220,20 @@ class Simulator:
             v_body=v_body,
             rate_body=rate,
         )
+
+    @cached_property
+    def _view(self) -> kernels.View:
+        return camera_view(self.camera)
+
+    @cached_property
+    def _arrays(self) -> SceneArrays:
+        return self.scene.arrays()
+
+    def _render(self, t: float, bearings: Floats) -> tuple[Floats, Floats]:
+        light, depth = np.empty((2, self.camera.width * self.camera.height))
+        pose = pose_rows(self.truth([t]))[0]
+        kernels.render(pose, bearings, self._view, self._arrays, light, depth)
+        return light, depth
 
     def _blocks(self) -> Floats:
         """Return the edges of the blocks of time, in whole microseconds."""
@@ -267,17 +250,6 @@ class Simulator:
         t = 1e-6 * np.arange(edges[0], edges[-1] + 1, POSE_US)
         return kernels.Poses(pose_rows(self.truth(t)), float(edges[0]), float(POSE_US))
 
-    def _sensor(self) -> kernels.Sensor:
-        sensor = self.sensor
-        return kernels.Sensor(
-            1e6 * sensor.refractory, 1e-6 * sensor.noise_rate, np.uint64(self.seed)
-        )
-
-    def _state(self) -> Floats:
-        thresholds = (self.sensor.threshold_on, self.sensor.threshold_off)
-        count = self.camera.width * self.camera.height
-        return new_state(count, thresholds, self.sensor.mismatch, self.seed)
-
 
 def pose_rows(truth: Truth) -> Floats:
     """Return the rows of `kernels.Poses`."""
@@ -292,7 +264,7 @@ def simulate_translation(
     duration: float,
     camera: Camera,
     seed: int = 0,
-    sensor: Sensor = Sensor(),
+    sensor: Sensor | None = None,
 ) -> Simulation:
     """Return a camera that moves in a straight line without turning, in a furnished room.
 
@@ -309,12 +281,13 @@ def simulate_translation(
     seed : int
         Of scene, thresholds and noise.
     sensor : Sensor
-        What the pixels do.
+        What the pixels do; the default sensor if not given.
     """
     ahead = _check.floats(direction, "direction", (3,))
     length = _check.positive(float(np.linalg.norm(ahead)), "length of direction")
     travel = speed * _check.positive(duration, "duration", "seconds") * FORWARD @ ahead / length
-    t = np.array([0.0, duration])
-    path = Trajectory(t, np.outer([-0.5, 0.5], travel) + [0.0, 0.0, 1.2 + abs(travel[2])])
+    ends = np.outer([-0.5, 0.5], travel) + [0.0, 0.0, 1.2 + abs(travel[2])]
+    path = Trajectory(np.array([0.0, duration]), ends)
     scene = furnished_room(path.position_at(np.linspace(0.0, duration, 100)), seed)
+    sensor = sensor or Sensor()
     return Simulator(path, camera, scene, lever=(0.0, 0.0, 0.0), sensor=sensor, seed=seed).run()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -30,8 +31,9 @@ class Trajectory:
         Times [s], strictly increasing, at least two.
     position : ndarray, shape (n, 3)
         Position of the body in the world [m], Z up.
-    yaw : ndarray, shape (n,) or (n, 3, 3)
-        Angle about the world's Z [rad], or rotations R_world_body.  Zero by default.
+    rotation : ndarray, shape (n, 3, 3)
+        Rotations R_world_body; given so, or as angles about the world's Z [rad], shape (n,), or
+        not at all for none.
 
     Raises
     ------
@@ -41,7 +43,7 @@ class Trajectory:
 
     t: Floats
     position: Floats
-    yaw: Floats | None = None
+    rotation: Floats | None = None
 
     def __post_init__(self) -> None:
         t = _check.times(self.t, "trajectory t")
@@ -50,7 +52,7 @@ class Trajectory:
         position = _check.floats(self.position, "trajectory position", (t.size, 3))
         object.__setattr__(self, "t", t)
         object.__setattr__(self, "position", position)
-        object.__setattr__(self, "yaw", _rotations(self.yaw, t.size))
+        object.__setattr__(self, "rotation", _rotations(self.rotation, t.size))
 
     @classmethod
     def of_drive(cls, drive: Drive, *, offset: float = 0.0, rate: float = 500.0) -> Trajectory:
@@ -76,25 +78,33 @@ class Trajectory:
 
     def position_at(self, t: ArrayLike) -> Floats:
         """Return positions [m] at times [s] within the trajectory, shape (n, 3)."""
-        return PchipInterpolator(self.t, self.position)(self._inside(t))
+        return self._curve(self._inside(t))
 
     def velocity_at(self, t: ArrayLike) -> Floats:
         """Return velocities in the world [m/s], shape (n, 3)."""
-        return PchipInterpolator(self.t, self.position)(self._inside(t), 1)
+        return self._curve(self._inside(t), 1)
 
     def rotation_at(self, t: ArrayLike) -> Floats:
         """Return rotations R_world_body, shape (n, 3, 3)."""
-        return Slerp(self.t, self._samples())(self._inside(t)).as_matrix()
+        return self._turn(self._inside(t)).as_matrix()
 
     def rate_at(self, t: ArrayLike) -> Floats:
         """Return angular rates in the body frame [rad/s], shape (n, 3)."""
-        samples = self._samples()
-        steps = (samples[:-1].inv() * samples[1:]).as_rotvec() / np.diff(self.t)[:, None]
         row = np.searchsorted(self.t, self._inside(t), side="right") - 1
-        return steps[np.minimum(row, len(steps) - 1)]
+        return self._rates[np.minimum(row, self.t.size - 2)]
 
-    def _samples(self) -> Rotation:
-        return Rotation.from_matrix(self.yaw)
+    @cached_property
+    def _curve(self) -> PchipInterpolator:
+        return PchipInterpolator(self.t, self.position)
+
+    @cached_property
+    def _turn(self) -> Slerp:
+        return Slerp(self.t, Rotation.from_matrix(self.rotation))
+
+    @cached_property
+    def _rates(self) -> Floats:
+        samples = Rotation.from_matrix(self.rotation)
+        return (samples[:-1].inv() * samples[1:]).as_rotvec() / np.diff(self.t)[:, None]
 
     def _inside(self, t: ArrayLike) -> Floats:
         times = _check.floats(t, "t", (None,))
@@ -107,15 +117,15 @@ class Trajectory:
         return np.clip(times, self.t[0], self.t[-1])
 
 
-def _rotations(yaw: ArrayLike | None, n: int) -> Floats:
+def _rotations(given: ArrayLike | None, n: int) -> Floats:
     """Return rotation matrices, shape (n, 3, 3), of angles about Z or of matrices."""
-    values = np.zeros(n) if yaw is None else np.asarray(yaw)
+    values = np.zeros(n) if given is None else np.asarray(given)
     if values.ndim == 1:
-        angles = _check.floats(values, "trajectory yaw", (n,))
+        angles = _check.floats(values, "trajectory rotation", (n,))
         return Rotation.from_rotvec(np.outer(angles, [0.0, 0.0, 1.0])).as_matrix()
-    matrices = _check.floats(values, "trajectory yaw", (n, 3, 3))
+    matrices = _check.floats(values, "trajectory rotation", (n, 3, 3))
     off = np.abs(matrices @ matrices.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
     off = np.maximum(off, np.abs(np.linalg.det(matrices) - 1.0))
     if off.max() > 1e-6:
-        raise InputError(f"trajectory row {int(off.argmax())} is not a rotation matrix")
+        raise InputError(f"trajectory rotation {int(off.argmax())} is not a rotation matrix")
     return matrices

@@ -1,4 +1,4 @@
-"""Arrays for the simulator's kernels: tiles of the camera, pixel states, and the merge of parts."""
+"""The simulator's camera, cut into tiles, and the work on a set of them."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data_tools import _simulator_kernels as kernels
+from data_tools.sensor import empty_buffer
 from evcalib.camera import Camera
 from evcalib.errors import InputError
-from evcalib.events import Events
 
 Floats = NDArray[np.float64]
 
@@ -38,7 +38,7 @@ def camera_view(camera: Camera) -> kernels.View:
     rays = np.stack([_bearings(camera, centres + shift) for shift in RAYS], axis=1)
     return kernels.View(
         bearings=rays,
-        centres=_bearings(camera, centres),
+        centres=_bearings(camera, centres)[:, None],
         pixel_angle=_pixel_angle(camera, low, high),
         corners=corners,
         axes=np.column_stack([middle, half]),
@@ -60,33 +60,17 @@ def _bearings(camera: Camera, pixels: Floats) -> Floats:
 
 
 def _pixel_angle(camera: Camera, low: Floats, high: Floats) -> Floats:
-    """Return the smallest angle [rad] per pixel at the corners and centre of each tile."""
+    """Return the smallest angle [rad] per pixel in any direction, over five points of a tile."""
     smallest = np.full(len(low), np.inf)
     for share in ((0.0, 0.0), (0.0, 1.0), (1.0, 0.0), (1.0, 1.0), (0.5, 0.5)):
-        inset = np.clip(low + np.array(share) * (high - low), low + 0.5, high - 0.5)
-        for step in ((0.25, 0.0), (0.0, 0.25)):
-            a, b = _bearings(camera, inset - step), _bearings(camera, inset + step)
-            smallest = np.minimum(smallest, 2.0 * np.linalg.norm(a - b, axis=1))
+        at = low + 0.5 + np.array(share) * (high - low - 1.0)
+        steps = [
+            _bearings(camera, at + step) - _bearings(camera, at - step)
+            for step in ((0.25, 0.0), (0.0, 0.25))
+        ]
+        stretch = np.linalg.svd(2.0 * np.stack(steps, axis=2), compute_uv=False)
+        smallest = np.minimum(smallest, stretch[:, -1])
     return smallest
-
-
-def new_state(count: int, thresholds: tuple[float, float], mismatch: float, seed: int) -> Floats:
-    """Return pixels with their own thresholds, shape (count, 7); `start_pixels` does the rest."""
-    rng = np.random.default_rng([seed, 0x7E5])
-    factor = np.maximum(1.0 + mismatch * rng.standard_normal((count, 2)), 0.25)
-    state = np.zeros((count, 7))
-    state[:, [kernels.ON, kernels.OFF]] = factor * thresholds
-    return state
-
-
-def empty_buffer(capacity: int) -> kernels.Buffer:
-    """Return room for some events."""
-    return kernels.Buffer(
-        np.empty(capacity, dtype=np.int64),
-        np.empty(capacity, dtype=np.int32),
-        np.empty(capacity, dtype=np.bool_),
-        np.zeros(1, dtype=np.int64),
-    )
 
 
 def simulate_part(tiles: NDArray[np.int64], world: tuple, state: Floats) -> kernels.Buffer:
@@ -111,18 +95,3 @@ def simulate_part(tiles: NDArray[np.int64], world: tuple, state: Floats) -> kern
 def _pixels_of(bounds: NDArray[np.int64], width: int) -> NDArray[np.int64]:
     left, right, top, bottom = bounds
     return (np.arange(top, bottom)[:, None] * width + np.arange(left, right)).ravel()
-
-
-def merge(buffers: list[kernels.Buffer], camera: Camera) -> Events:
-    """Return the events of some buffers in order of time, then row, then column.
-
-    Each pixel's events are in one buffer, in the order of their creation, which the stable sort
-    keeps.
-    """
-    t = np.concatenate([b.t[: b.used[0]] for b in buffers])
-    pixel = np.concatenate([b.pixel[: b.used[0]] for b in buffers])
-    p = np.concatenate([b.p[: b.used[0]] for b in buffers])
-    start = t.min(initial=np.iinfo(np.int64).max)
-    order = np.argsort((t - start) * (camera.width * camera.height) + pixel, kind="stable")
-    y, x = np.divmod(pixel[order], camera.width)
-    return Events.from_arrays(x, y, t[order], p[order], camera.width, camera.height)
