@@ -8,7 +8,9 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from evcalib._keyframes import Keyframe
 from evcalib.epipolar import Translation, five_point, turn_explains, two_point
+from evcalib.features import match
 
 Floats = NDArray[np.float64]
 
@@ -30,6 +32,9 @@ SURVIVAL = 0.5
 
 SHARE = 0.3
 """Least share of inliers; a strip of the threshold's width around random flow holds a tenth."""
+
+MAX_STEPS = 128
+"""Spans of keyframe pairs stay below this number of steps."""
 
 CELLS = 8
 """Fewest cells that inliers come from."""
@@ -53,8 +58,10 @@ class Matches:
         Pixels.
     t1, t2 : ndarray, shape (n,)
         Times of the keypoints [s].
-    pair : ndarray of int64, shape (n, 2)
-        Numbers of the two keyframes.
+    pair : ndarray of int64, shape (n,)
+        Number of the keyframe pair, 128 times its earlier keyframe plus its span.
+    cell : ndarray of int64, shape (n,)
+        Number of the cell of the midpoint: equal for sightings of one corner.
     """
 
     r1: Floats
@@ -64,6 +71,7 @@ class Matches:
     t1: Floats
     t2: Floats
     pair: NDArray[np.int64]
+    cell: NDArray[np.int64]
 
     def __len__(self) -> int:
         return int(self.t1.size)
@@ -85,14 +93,27 @@ class Matches:
 
     @property
     def span(self) -> NDArray[np.int64]:
-        """Keyframes between the two of each."""
-        return self.pair[:, 1] - self.pair[:, 0]
+        """Keyframe steps between the two of each."""
+        return self.pair % MAX_STEPS
 
-    @property
-    def cell(self) -> NDArray[np.int64]:
-        """Number of the cell of the midpoint: equal for sightings of one corner."""
-        col, row = ((self.xy1 + self.xy2) / (2 * CELL_PX)).astype(np.int64).T
-        return row * (1 << 20) + col
+
+def match_keyframes(before: Keyframe, after: Keyframe, reach: float) -> Matches | None:
+    """Match two keyframes; None without matches."""
+    i, j = match(before.keypoints, after.keypoints, reach=reach).T
+    if not i.size:
+        return None
+    xy1, xy2 = before.keypoints.xy[i], after.keypoints.xy[j]
+    columns, rows = ((xy1 + xy2) / (2 * CELL_PX)).astype(np.int64).T
+    return Matches(
+        r1=before.bearings[i],
+        r2=after.bearings[j],
+        xy1=xy1,
+        xy2=xy2,
+        t1=before.keypoints.t[i],
+        t2=after.keypoints.t[j],
+        pair=np.full(i.size, before.number * MAX_STEPS + after.number - before.number),
+        cell=rows * (before.width // CELL_PX + 1) + columns,
+    )
 
 
 @dataclass(frozen=True)
@@ -130,7 +151,7 @@ def fit(matches: Matches, options: FitOptions) -> Fit | str:
     translation = _solve(matches[rows], options)
     if translation is None:
         return DISAGREE
-    kept = _surviving(matches[rows].pair, translation.inliers)
+    kept = _surviving(matches.pair[rows], translation.inliers)
     if not kept.all():
         rows = rows[kept]
         translation = _solve(matches[rows], options)
@@ -165,8 +186,8 @@ def _objection(matches: Matches, translation: Translation, options: FitOptions) 
         return DISAGREE
     # Parallax grows with the span, and so does the evidence against a turn.
     longer = matches[matches.span >= np.median(matches.span)]
-    spans = longer.t2 - longer.t1
-    if turn_explains(longer.r1, longer.r2, spans, translation, seed=options.seed):
+    spans, groups = longer.t2 - longer.t1, longer.cell
+    if turn_explains(longer.r1, longer.r2, spans, translation, seed=options.seed, groups=groups):
         return NO_PARALLAX
     if not translation.sd <= options.max_sd:
         return UNCERTAIN
@@ -175,7 +196,8 @@ def _objection(matches: Matches, translation: Translation, options: FitOptions) 
 
 def _surviving(pair: NDArray[np.int64], inliers: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Tell which rows belong to pairs whose matches survived the time between them."""
-    _, number, count = np.unique(pair, axis=0, return_inverse=True, return_counts=True)
+    number = _numbered(pair)
+    count = np.bincount(number)
     share = np.bincount(number, inliers) / count
     best = share[count >= min(8, count.max())].max()
     return (share >= SURVIVAL * best)[number]
@@ -183,8 +205,13 @@ def _surviving(pair: NDArray[np.int64], inliers: NDArray[np.bool_]) -> NDArray[n
 
 def _one_pair(matches: Matches) -> NDArray[np.bool_]:
     """Tell which rows belong to the pair of most displacement in all."""
-    _, number = np.unique(matches.pair, axis=0, return_inverse=True)
+    number = _numbered(matches.pair)
     return number == np.argmax(np.bincount(number, matches.shift))
+
+
+def _numbered(pair: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the number of the run of equal values that each row is in, from 0."""
+    return np.cumsum(np.append(0, pair[1:] != pair[:-1]))
 
 
 def _mean_times(inliers: Matches) -> tuple[float, float, float]:

@@ -70,6 +70,8 @@ class Keyframe:
         Unit bearings of the keypoints.
     flow : float
         Typical speed of the corners of late [px/s]; 0 if unknown.
+    width : int
+        Width of the sensor [px].
     """
 
     number: int
@@ -77,6 +79,7 @@ class Keyframe:
     keypoints: Keypoints
     bearings: Floats
     flow: float
+    width: int
 
 
 class BearingTable:
@@ -176,7 +179,7 @@ class KeyframeMaker:
             surplus=keypoints.surplus,
             unseen=int((~seen).sum()),
         )
-        keyframe = Keyframe(self._next, 1e-6 * t_us, keypoints, bearings, flow)
+        keyframe = Keyframe(self._next, 1e-6 * t_us, keypoints, bearings, flow, self._camera.width)
         self._recent.append(keyframe)
         self._measure_flow()
         self._next += 1

@@ -18,6 +18,9 @@ Floats = NDArray[np.float64]
 TRIALS = 1000
 """Most samples that a RANSAC draws; it stops earlier once a better one is unlikely."""
 
+NEUTRAL_GAIN = 0.987
+"""E min(chi2_2, 4) - E min(chi2_1, 2), for chi squares of two and one degree of freedom."""
+
 TURN_TRIALS = 100
 """Samples of the turn that competes with a translation."""
 
@@ -217,8 +220,9 @@ def _checked(
     groups = np.asarray(groups)
     if groups.shape != (len(first),) or groups.dtype.kind not in "iu":
         raise InputError(f"groups must be {len(first)} whole numbers, one per correspondence")
-    numbers = np.unique(groups, return_inverse=True)[1].astype(np.int64)
-    return first, second, threshold, numbers
+    if groups.size and (groups.min() < 0 or groups.max() > 4 * groups.size + 10_000):
+        groups = np.unique(groups, return_inverse=True)[1]
+    return first, second, threshold, groups.astype(np.int64)
 
 
 def _judge(
@@ -261,13 +265,21 @@ def _sandwich(information: Floats, scores: Floats) -> Floats | None:
 
 
 def turn_explains(
-    r1: ArrayLike, r2: ArrayLike, spans: ArrayLike, translation: Translation, *, seed: int = 0
+    r1: ArrayLike,
+    r2: ArrayLike,
+    spans: ArrayLike,
+    translation: Translation,
+    *,
+    seed: int = 0,
+    groups: NDArray[np.int64] | None = None,
 ) -> bool:
     """Tell whether a steady turn explains correspondences as well as a translation does.
 
-    Compares the two models by the geometric robust information criterion: the turn leaves two
-    residuals per correspondence and the translation one, which the criterion prices.  Where it
-    prefers the turn there is no parallax to tell a direction from.
+    Compares the squared residuals of the two models, in units of the noise and cut at twice
+    their degrees of freedom, as in the geometric robust information criterion.  Where both models
+    hold, a turn's two residuals per correspondence cost 0.99 more than a translation's one.  Only
+    a difference that is larger by two of its standard errors shows the parallax without which
+    there is no direction to find.
 
     Parameters
     ----------
@@ -279,24 +291,28 @@ def turn_explains(
         The rival, fitted to these correspondences.
     seed : int
         Of the samples.
+    groups : ndarray of int64, shape (n,), optional
+        As in `two_point`: their number, not that of the correspondences, counts as evidence.
 
     References
     ----------
     Torr, "Bayesian model estimation and selection for epipolar geometry and generic manifold
     fitting", IJCV 50(1), 2002.
     """
-    r1, r2, threshold, _ = _checked(r1, r2, 3.0 * translation.noise, None)
+    r1, r2, threshold, groups = _checked(r1, r2, 3.0 * translation.noise, groups)
     spans = _check.floats(spans, "spans", (len(r1),))
     some = np.linspace(0, len(r1) - 1, min(len(r1), SCORED)).astype(np.int64)
-    r1, r2, spans = r1[some], r2[some], spans[some]
+    r1, r2, spans, groups = r1[some], r2[some], spans[some], groups[some]
     turn = turns.turn_ransac(r1, r2, spans, threshold, TURN_TRIALS, seed)
     of_turn = np.empty(len(r1))
     turns.turn_misfits(turn, r1, r2, spans, of_turn)
     residuals, inliers = _judge(translation.direction, r1, r2, np.cross(r1, r2), threshold)
     either = inliers | (of_turn < threshold**2)
+    if either.sum() < 3:
+        return True
     variance = translation.noise**2
-    # A point of the four-dimensional space of bearing pairs lies on a manifold of dimension 3
-    # (translation) or 2 (turn); squares are cut at twice the codimension.
-    cost_of_translation = np.minimum(residuals[either] ** 2 / variance, 2.0)
     cost_of_turn = np.minimum(of_turn[either] / variance, 4.0)
-    return float(np.mean(cost_of_turn - cost_of_translation)) <= np.log(4.0)
+    cost_of_translation = np.minimum(residuals[either] ** 2 / variance, 2.0)
+    gain = cost_of_turn - cost_of_translation
+    error = gain.std() / np.sqrt(np.unique(groups[either]).size)
+    return float(gain.mean()) <= NEUTRAL_GAIN + 2.0 * error

@@ -202,5 +202,6 @@ def match(
         raise InputError("keypoints with descriptors of different lengths cannot be matched")
     if not reach > 0:
         raise InputError(f"reach must be a positive number of pixels, not {reach!r}")
-    points = [np.column_stack((k.xy, k.p)) for k in (first, second)]
-    return kernels.match(first.bits, second.bits, *points, float(reach), int(farthest))
+    points = [np.vstack((k.xy.T, k.p)) for k in (first, second)]
+    columns = np.ascontiguousarray(second.bits.T)
+    return kernels.match(first.bits, columns, *points, float(reach), int(farthest))

@@ -10,12 +10,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evcalib import _check
-from evcalib._heading_fit import NOT_NEWER, SOLVERS, TOO_FEW, Fit, FitOptions, Matches, fit
+from evcalib._heading_fit import (
+    MAX_STEPS,
+    NOT_NEWER,
+    SOLVERS,
+    TOO_FEW,
+    Fit,
+    FitOptions,
+    Matches,
+    fit,
+    match_keyframes,
+)
 from evcalib._keyframes import Counts, Keyframe, KeyframeMaker
 from evcalib.camera import Camera
 from evcalib.errors import InputError
 from evcalib.events import Events
-from evcalib.features import match
 from evcalib.series import HeadingSeries
 from evcalib.surfaces import SURFACES
 
@@ -131,9 +140,9 @@ class HeadingEstimator:
         if not 0.1 <= rate <= 1000:
             raise InputError(f"rate must be 0.1 to 1000 hertz, not {rate!r}")
         steps = round(_check.positive(max_baseline, "max_baseline", "seconds") * rate)
-        if not 1 <= steps <= 100:
+        if not 1 <= steps < MAX_STEPS:
             raise InputError(
-                f"max_baseline must be 1 to 100 keyframe intervals, not {steps}"
+                f"max_baseline must be 1 to {MAX_STEPS - 1} keyframe intervals, not {steps}"
                 f" ({max_baseline} s at {rate} hertz)"
             )
         focal = np.sqrt(camera.fx * camera.fy)
@@ -229,7 +238,8 @@ class HeadingEstimator:
             self._gaps.append(Gap(t, found))
             return
         if self._keep:
-            own = matches.pair.sum(axis=1) >= 2 * centre
+            # Pairs of the window before, whose middle lies half a step earlier, are there.
+            own = 2 * (matches.pair // MAX_STEPS) + matches.span >= 2 * centre
             self._kept.append((matches[own], found.inliers[own]))
         self._fits.append(found)
 
@@ -252,19 +262,7 @@ class HeadingEstimator:
         if expected > self._reach:
             return None
         reach = min(self._reach, 3.0 * expected + 16.0)
-        pairs = match(before.keypoints, after.keypoints, reach=reach)
-        if not len(pairs):
-            return None
-        i, j = pairs.T
-        return Matches(
-            r1=before.bearings[i],
-            r2=after.bearings[j],
-            xy1=before.keypoints.xy[i],
-            xy2=after.keypoints.xy[j],
-            t1=before.keypoints.t[i],
-            t2=after.keypoints.t[j],
-            pair=np.tile([before.number, after.number], (len(pairs), 1)),
-        )
+        return match_keyframes(before, after, reach)
 
 
 def estimate_headings(
@@ -362,6 +360,6 @@ def _correspondences(kept: list[tuple[Matches, NDArray[np.bool_]]]) -> Correspon
         t1=matches.t1,
         t2=matches.t2,
         inlier=np.concatenate([inliers for _, inliers in kept]),
-        pair=np.unique(matches.pair, axis=0, return_inverse=True)[1].astype(np.int64),
+        pair=np.unique(matches.pair, return_inverse=True)[1].astype(np.int64),
         heading=np.repeat(np.arange(len(kept)), [len(m) for m, _ in kept]),
     )

@@ -103,51 +103,70 @@ def _count_bits(v):
 
 
 @jit
-def match(bits1, bits2, points1, points2, reach, farthest):
+def _add_distance(own, others, distance):
+    """Add the number of bits in which one word differs from each of the others."""
+    for j in range(others.size):
+        distance[j] += _count_bits(own ^ others[j])
+
+
+@jit
+def _nearest(distance, dx, dy, limit, nothing, code, best2):
+    """Return the least (distance, index) within the limit; keep each other's least in best2."""
+    best = nothing
+    for j in range(distance.size):
+        key = (distance[j] << 32) if dx[j] * dx[j] + dy[j] * dy[j] <= limit else nothing
+        best = min(best, key + j)
+        best2[j] = min(best2[j], key + code)
+    return best
+
+
+@jit
+def match(bits1, columns2, points1, points2, reach, farthest):
     """Return the matches as an array of index pairs, shape (m, 2).
 
     Two keypoints match if each is the other's nearest by Hamming distance among those within the
     reach, and the distance is at most `farthest`.  Of equally near ones the first counts.
 
+    The inner loops have no branches, so that they become vector code; distance and index share
+    one number, so that a minimum finds both.
+
     Parameters
     ----------
-    bits1, bits2 : ndarray of uint64, shape (n, m)
+    bits1 : ndarray of uint64, shape (n1, m)
         Descriptors.
-    points1, points2 : ndarray of float64, shape (n, 3)
-        Columns x, y [px], and a class; only equal classes match.  Sorted by class, then y.
+    columns2 : ndarray of uint64, shape (m, n2)
+        The other descriptors, transposed.
+    points1, points2 : ndarray of float64, shape (3, n1) and (3, n2)
+        Rows x, y [px], and a class; only equal classes match.  Sorted by class, then y.
     reach : float
         Largest displacement [px].
     farthest : int
         Largest Hamming distance.
     """
-    n1, n2, words = len(bits1), len(bits2), bits1.shape[1]
-    best1, near1 = np.full(n1, farthest + 1), np.full(n1, -1)
-    best2, near2 = np.full(n2, farthest + 1), np.full(n2, -1)
-    start = 0
+    n1, n2, words = len(bits1), points2.shape[1], bits1.shape[1]
+    x2, y2, class2 = points2
+    nothing = np.int64((farthest + 1) << 32)
+    best1, best2 = np.full(n1, nothing), np.full(n2, nothing)
+    start, end = 0, 0
     for i in range(n1):
-        x, y, group = points1[i]
+        x, y, group = points1[:, i]
         while start < n2 and (
-            points2[start, 2] < group
-            or (points2[start, 2] == group and points2[start, 1] < y - reach)
+            class2[start] < group or (class2[start] == group and y2[start] < y - reach)
         ):
             start += 1
-        for j in range(start, n2):
-            if points2[j, 2] != group or points2[j, 1] > y + reach:
-                break
-            dx, dy = points2[j, 0] - x, points2[j, 1] - y
-            if dx * dx + dy * dy > reach * reach:
-                continue
-            distance = 0
-            for word in range(words):
-                distance += _count_bits(bits1[i, word] ^ bits2[j, word])
-            if distance < best1[i]:
-                best1[i], near1[i] = distance, j
-            if distance < best2[j]:
-                best2[j], near2[j] = distance, i
+        end = max(end, start)
+        while end < n2 and class2[end] == group and y2[end] <= y + reach:
+            end += 1
+        distance = np.zeros(end - start, dtype=np.int64)
+        for word in range(words):
+            _add_distance(bits1[i, word], columns2[word, start:end], distance)
+        dx, dy = x2[start:end] - x, y2[start:end] - y
+        best1[i] = start + _nearest(distance, dx, dy, reach * reach, nothing, i, best2[start:end])
     pairs = np.empty((n1, 2), dtype=np.int64)
     found = 0
     for i in range(n1):
-        if near1[i] >= 0 and near2[near1[i]] == i:
-            pairs[found] = (i, near1[i])
+        j = best1[i] & 0xFFFFFFFF
+        if best1[i] < nothing and best2[j] & 0xFFFFFFFF == i:
+            pairs[found] = (i, j)
             found += 1
     return pairs[:found]
