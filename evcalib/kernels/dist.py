@@ -1,4 +1,8 @@
-"""Loops of the discounted, sorted timestamp surface (DiST)."""
+"""Loops of the discounted, sorted timestamp surface (DiST).
+
+The state of a polarity is an array (3, rows, stride) with a border of half a patch: the last time
+[us], minus the first time, and the number of events of each pixel.  Times start as NONE.
+"""
 
 from __future__ import annotations
 
@@ -7,66 +11,82 @@ import numpy as np
 from evcalib.kernels._jit import jit
 from evcalib.kernels._vector import as_bits
 
-_DIGIT = 11
-_BINS = 1 << _DIGIT
-_NONE = -(1 << 62)  # before every time, also with its sign changed
+LAST, MINUS_FIRST, COUNT = range(3)
+NONE = -(1 << 62)  # before every time
+
+_BITS = 12
+_BINS = 1 << _BITS
+_DIGITS = 6
+_RANGE = (1 << 62, 0)
 
 
 @jit
-def dist_update(first, last, count, plane, x, y, t, p, width):
-    """Keep the first and the last time [us] and the number of events of each pixel (flat)."""
+def dist_update(state, plane, corner, stride, x, y, t, p):
+    """Take events; `state` has shape (3, cells), pixel (0, 0) is cell `corner`."""
     for i in range(t.size):
-        at = (plane if p[i] else 0) + np.int64(y[i]) * width + x[i]
-        if count[at] == 0:
-            first[at] = t[i]
-        last[at] = t[i]
-        count[at] += 1
+        at = corner + (plane if p[i] else 0) + np.int64(y[i]) * stride + x[i]
+        if state[COUNT, at] == 0:
+            state[MINUS_FIRST, at] = -t[i]
+        state[LAST, at] = t[i]
+        state[COUNT, at] += 1
 
 
 @jit
-def dist_render(first, last, count, start, alpha, reach, share):
-    """Rank of the discounted times of one polarity, shape (height, width).
+def dist_render(state, start, alpha, reach, share):
+    """Return the rank of the discounted times of one polarity, shape (height, width).
 
     value = last - start - alpha (max last - min first) / (sum of counts), over squares of
     2 reach + 1 pixels and with clipped counts, at least 0; 0 where the sum is 1, that is without
     a neighbour.
     """
-    height, width = count.shape
-    limit = max(1, _quantile(count.ravel(), share))
-    late = np.empty((height + 2 * reach, width + 2 * reach), dtype=np.int64)
-    late[:] = _NONE
-    early, near = late.copy(), np.zeros_like(late)
-    for row in range(height):
-        for col in range(width):
-            if count[row, col] > 0:
-                late[row + reach, col + reach] = last[row, col]
-                early[row + reach, col + reach] = -first[row, col]
-                near[row + reach, col + reach] = min(count[row, col], limit)
-    late = _patch(late, width, True)
-    early = _patch(early, width, True)
-    near = _patch(near, width, False)
-    value = np.zeros((height, width))
-    for row in range(height):
-        for col in range(width):
-            if count[row, col] > 0 and near[row, col] > 1:
-                spread = late[row, col] + early[row, col]
-                time = float(last[row, col] - start) - alpha * spread / near[row, col]
-                value[row, col] = max(time, 0.0)
-    return _ranks(value.ravel()).reshape(height, width)
+    rows, stride = state.shape[1:]
+    height, width = rows - 2 * reach, stride - 2 * reach
+    last, count = state[LAST].ravel(), state[COUNT].ravel()
+    seen = _nonzero(count)
+    late, early, near = state[LAST].copy(), state[MINUS_FIRST].copy(), state[COUNT].copy()
+    _clip(near, max(1, _quantile(count, seen, share, height * width)))
+    _patch(late, width, True)
+    _patch(early, width, True)
+    _patch(near, width, False)
+    late, early, near = late.ravel(), early.ravel(), near.ravel()
+    keys, places = np.empty_like(seen), np.empty_like(seen)
+    n = 0
+    for at in seen:
+        patch = at - reach * (stride + 1)
+        time = float(last[at] - start) - alpha * (late[patch] + early[patch]) / near[patch]
+        keys[n] = as_bits(time)
+        places[n] = at
+        n += near[patch] > 1 and time > 0  # without a branch: guessed wrong too often
+    rank = np.zeros((rows, stride))
+    _rank(keys[:n], places[:n], height * width, rank.ravel())
+    return rank[reach : reach + height, reach : reach + width].copy()
 
 
 @jit
-def _quantile(count, share):
-    """Smallest count that at least `share` of the pixels do not exceed."""
+def _nonzero(count):
+    """Return the places of the pixels with events."""
+    places = np.empty(count.size, dtype=np.int64)
+    n = 0
+    for i in range(count.size):
+        places[n] = i
+        n += count[i] > 0
+    return places[:n]
+
+
+@jit
+def _quantile(count, seen, share, pixels):
+    """Return the smallest count that at least `share` of the pixels do not exceed."""
+    some = np.empty(seen.size, dtype=np.int64)
     low, high = 0, 0
-    for n in count:
-        high = max(high, n)
+    for i in range(seen.size):
+        some[i] = count[seen[i]]
+        high = max(high, some[i])
     while low < high:
         middle = (low + high) // 2
-        within = 0
-        for n in count:
+        within = pixels - seen.size
+        for n in some:
             within += n <= middle
-        if within >= share * count.size:
+        if within >= share * pixels:
             high = middle
         else:
             low = middle + 1
@@ -74,8 +94,15 @@ def _quantile(count, share):
 
 
 @jit
+def _clip(image, limit):
+    for row in range(image.shape[0]):
+        for col in range(image.shape[1]):
+            image[row, col] = min(image[row, col], limit)
+
+
+@jit
 def _patch(image, width, largest):
-    """Maximum or sum over each square patch of an image that has a border of half a patch."""
+    """Replace each cell by the maximum or the sum of the square patch that starts there."""
     border = image.shape[1] - width
     height = image.shape[0] - border
     for row in range(image.shape[0]):
@@ -85,7 +112,6 @@ def _patch(image, width, largest):
     for row in range(height):
         for shift in range(1, border + 1):
             _join(image[row, :width], image[row + shift, :width], largest)
-    return image
 
 
 @jit
@@ -99,43 +125,56 @@ def _join(into, other, largest):
 
 
 @jit
-def _ranks(values):
-    """Rank of each value, >= 0, among the unique values, divided by their number."""
-    keys = np.empty(values.size, dtype=np.int64)
-    places = np.empty(values.size, dtype=np.int64)
-    n = 0
-    for i in range(values.size):
-        keys[n] = as_bits(values[i])
-        places[n] = i
-        n += values[i] > 0  # without a branch: it would be guessed wrong half of the time
-    keys, places = _sorted(keys[:n], places[:n])
-    rank = 0 if n < values.size else -1
-    unique = rank + 1
-    for i in range(n):
-        unique += i == 0 or keys[i] != keys[i - 1]
-    out = np.zeros(values.size)
-    for i in range(n):
-        rank += i == 0 or keys[i] != keys[i - 1]
+def _rank(keys, places, pixels, out):
+    """Write the rank of each key among the unique ones of all pixels, over their number.
+
+    Keys are the bits of positive floats, which have the same order.  Pixels without one are 0.
+    """
+    keys, places = _sorted(keys, places)
+    first = 0 if keys.size < pixels else -1
+    unique, previous = first + 1, 0
+    for key in keys:
+        unique += key != previous
+        previous = key
+    rank, previous = first, 0
+    for i in range(keys.size):
+        rank += keys[i] != previous
+        previous = keys[i]
         out[places[i]] = rank / unique
-    return out
 
 
 @jit
 def _sorted(keys, places):
-    """Sort keys, the bits of positive floats, with their places, digit by digit."""
+    """Sort positive keys with their places, digit by digit from the lowest."""
+    low, high = _RANGE
+    for key in keys:
+        low, high = min(low, key), max(high, key)
+    starts = np.zeros((_DIGITS, _BINS), dtype=np.int64)
+    for key in keys:
+        for digit in range(_DIGITS):
+            starts[digit, ((key - low) >> (_BITS * digit)) & (_BINS - 1)] += 1
     other_keys, other_places = np.empty_like(keys), np.empty_like(places)
-    for shift in range(0, 64, _DIGIT):
-        starts = np.zeros(_BINS + 1, dtype=np.int64)
-        for key in keys:
-            starts[((key >> shift) & (_BINS - 1)) + 1] += 1
-        for digit in range(_BINS):
-            starts[digit + 1] += starts[digit]
+    for digit in range(_DIGITS):
+        shift = _BITS * digit
+        if (high - low) >> shift == 0:
+            break
+        _to_starts(starts[digit])
         for i in range(keys.size):
-            digit = (keys[i] >> shift) & (_BINS - 1)
-            at = starts[digit]
+            value = ((keys[i] - low) >> shift) & (_BINS - 1)
+            at = starts[digit, value]
+            starts[digit, value] = at + 1
             other_keys[at] = keys[i]
             other_places[at] = places[i]
-            starts[digit] = at + 1
         keys, other_keys = other_keys, keys
         places, other_places = other_places, places
     return keys, places
+
+
+@jit
+def _to_starts(counts):
+    """Replace counts by the sums of those before them."""
+    total = 0
+    for i in range(counts.size):
+        count = counts[i]
+        counts[i] = total
+        total += count

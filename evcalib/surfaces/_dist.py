@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from evcalib import _check
 from evcalib.errors import InputError
 from evcalib.events import Events
-from evcalib.kernels.dist import dist_render, dist_update
+from evcalib.kernels.dist import NONE, dist_render, dist_update
 from evcalib.kernels.time_surface import NEVER
 from evcalib.surfaces._base import Surface, odd_side, render_once
 
@@ -61,21 +61,25 @@ class Dist(Surface):
         super().__init__(width, height, polarity)
 
     def _clear(self) -> None:
-        cells = self._planes * self.height * self.width
-        self._first, self._last, self._count = np.zeros((3, cells), dtype=np.int64)
+        rows, stride = self.height + self.patch - 1, self.width + self.patch - 1
+        self._state = np.empty((3, self._planes, rows, stride), dtype=np.int64)
+        self._state[:2], self._state[2] = NONE, 0
         self._start = NEVER
 
     def _take(self, events: Events) -> None:
         if self._start == NEVER:
             self._start = int(events.t[0])
-        plane, state = self._plane(self.height * self.width), (self._first, self._last, self._count)
-        dist_update(*state, plane, events.x, events.y, events.t, events.p, self.width)
+        rows, stride = self._state.shape[2:]
+        corner = self.patch // 2 * (stride + 1)
+        columns = (events.x, events.y, events.t, events.p)
+        dist_update(
+            self._state.reshape(3, -1), self._plane(rows * stride), corner, stride, *columns
+        )
 
     def _image(self, t: int) -> NDArray[np.float64]:
-        shape = (self._planes, self.height, self.width)
-        state = (self._first.reshape(shape), self._last.reshape(shape), self._count.reshape(shape))
         options = (self._start, self.alpha, self.patch // 2, self.clip)
-        return np.stack([dist_render(*planes, *options) for planes in zip(*state, strict=True)])
+        planes = np.ascontiguousarray(self._state.swapaxes(0, 1))
+        return np.stack([dist_render(plane, *options) for plane in planes])
 
 
 def dist(
