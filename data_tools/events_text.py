@@ -68,9 +68,9 @@ def read_events_text(
     if time_unit is not None:
         _check.one_of(time_unit, "time_unit", tuple(_POWER))
     sensor = Events.empty(width, height)
-    limits = np.array([sensor.width, sensor.height, int(origin_us), MAX_TIME_US], dtype=np.int64)
-    if abs(limits[2]) > 1 << 61 or block_bytes < 64:
-        raise InputError("origin_us is too large, or block_bytes below 64")
+    if not isinstance(origin_us, int) or abs(origin_us) > 1 << 61 or block_bytes < 64:
+        raise InputError("origin_us must be whole microseconds, and block_bytes at least 64")
+    limits = np.array([sensor.width, sensor.height, origin_us, MAX_TIME_US], dtype=np.int64)
     path = Path(path)
     state = np.zeros(kernels.STATE_SIZE, dtype=np.int64)
     unit = None if time_unit is None else _POWER[time_unit]

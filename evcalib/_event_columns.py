@@ -21,6 +21,13 @@ def _owned(values: NDArray, dtype: type) -> NDArray:
     return np.require(values, dtype, ("C", "A"))
 
 
+def whole_us(value: int, name: str) -> int:
+    """Return a point in time [us] that is a whole number, of any size."""
+    if not isinstance(value, int | np.integer):
+        raise InputError(f"{name} must be whole microseconds (int), not {value!r}")
+    return int(value)
+
+
 def side(value: int, name: str) -> int:
     """Return a width or height [px]."""
     number = int(value) if isinstance(value, int | np.integer) else 0
@@ -135,6 +142,7 @@ def to_us(values: ArrayLike, unit: str) -> NDArray:
 
 def minus(t: NDArray, origin: int) -> NDArray[np.int64]:
     """Subtract an origin [us] without wrapping around."""
+    origin = whole_us(origin, "origin_us")
     limit = np.iinfo(np.int64).max
     if t.size and (abs(origin) > limit // 2 or max(-int(t.min()), int(t.max())) > limit // 2):
         raise InputError("times or origin_us are too large for microseconds")

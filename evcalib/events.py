@@ -107,7 +107,7 @@ class Events:
         """
         stamps = take.to_us(t, _check.one_of(time_unit, "time_unit", ("us", "s", "ms", "ns")))
         if origin_us:
-            stamps = take.minus(stamps, int(origin_us))
+            stamps = take.minus(stamps, origin_us)
         return cls(x, y, stamps, p, width, height)  # type: ignore[arg-type]
 
     @classmethod
@@ -188,8 +188,9 @@ class Events:
         return float(self.t[-1] - self.t[0]) / 1e6 if len(self) else 0.0
 
     def between(self, t0_us: int, t1_us: int) -> Events:
-        """Return the events with t0_us <= t < t1_us [us], as views."""
-        limits = [min(max(int(t), -1), MAX_TIME_US + 1) for t in (t0_us, t1_us)]
+        """Return the events with t0_us <= t < t1_us (whole microseconds), as views."""
+        bounds = take.whole_us(t0_us, "t0_us"), take.whole_us(t1_us, "t1_us")
+        limits = [min(max(bound, -1), MAX_TIME_US + 1) for bound in bounds]
         start, stop = np.searchsorted(self.t, limits)
         return self[int(start) : int(stop)]
 

@@ -98,6 +98,7 @@ def test_unix_time_comes_down_by_a_named_origin():
         ({"t": [0.0, 1.0, 2.0], "time_unit": "ns"}, "must hold integers"),
         ({"t": [0, 1, 2**63 - 1], "origin_us": -(2**63)}, "too large"),
         ({"t": ["a", "b", "c"], "time_unit": "s"}, "must hold numbers"),
+        ({"origin_us": 0.5}, "origin_us must be whole microseconds"),
     ],
 )
 def test_conversions_do_not_lose_or_wrap_silently(changes, message):
@@ -156,8 +157,10 @@ def test_between_is_half_open(times, start, stop):
     assert events.between(start, stop).t.tolist() == expected
 
 
-def test_between_takes_any_integer():
+def test_between_takes_any_integer_and_no_seconds():
     assert len(three().between(-(10**30), 10**30)) == 3
+    with pytest.raises(InputError, match=r"t1_us must be whole microseconds .int., not 0.5"):
+        three().between(0, 0.5)
 
 
 def test_concatenate_joins_in_order_only():

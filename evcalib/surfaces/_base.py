@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from evcalib import _check
+from evcalib import _check, _event_columns
 from evcalib.errors import InputError
 from evcalib.events import MAX_TIME_US, Events
 from evcalib.kernels.time_surface import NEVER
@@ -107,9 +107,7 @@ def whole(value: int, name: str, least: int, most: int) -> int:
 
 def whole_us(t_us: int) -> int:
     """Return a time that events can have [us]."""
-    if not isinstance(t_us, int | np.integer):
-        raise InputError(f"t_us must be whole microseconds (int), not {t_us!r}")
-    return whole(t_us, "t_us", 0, MAX_TIME_US)
+    return whole(_event_columns.whole_us(t_us, "t_us"), "t_us", 0, MAX_TIME_US)
 
 
 def odd_side(value: int, name: str) -> int:
