@@ -96,6 +96,11 @@ class Matches:
         """Keyframe steps between the two of each."""
         return self.pair % MAX_STEPS
 
+    @property
+    def middle(self) -> NDArray[np.int64]:
+        """Sum of the two keyframe numbers: twice the middle."""
+        return 2 * (self.pair // MAX_STEPS) + self.span
+
 
 def match_keyframes(before: Keyframe, after: Keyframe, reach: float) -> Matches | None:
     """Match two keyframes; None without matches."""

@@ -39,17 +39,19 @@ class Counts:
         Taken in; found among the events; made of them.
     keypoints : int
         Described, over all keyframes.
-    weak, at_border, surplus, unseen : int
-        Keypoints left out: of too few corner events, too near the border for the descriptor,
-        beyond the most that a keyframe holds, and without bearing (outside the lens's image).
+    clipped : int
+        Of these so near the border that their patch leaves the image.
+    weak, surplus, unseen : int
+        Keypoints left out: of too few corner events, beyond the most that a keyframe holds, and
+        without bearing (outside the lens's image).
     """
 
     events: int = 0
     corners: int = 0
     keyframes: int = 0
     keypoints: int = 0
+    clipped: int = 0
     weak: int = 0
-    at_border: int = 0
     surplus: int = 0
     unseen: int = 0
 
@@ -175,7 +177,7 @@ class KeyframeMaker:
             keyframes=1,
             keypoints=len(keypoints),
             weak=keypoints.weak,
-            at_border=keypoints.at_border,
+            clipped=keypoints.clipped,
             surplus=keypoints.surplus,
             unseen=int((~seen).sum()),
         )

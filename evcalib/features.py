@@ -31,9 +31,11 @@ class Keypoints:
         Their number.
     bits : ndarray of uint64, shape (n, m)
         BRIEF descriptors of 64 m bits.
-    weak, at_border, surplus : int
-        Keypoints left out for too few events, because the descriptor's patch would leave the
-        image, and because there were more than the most that were asked for.
+    weak, surplus : int
+        Keypoints left out for too few events, and because there were more than the most.
+    clipped : int
+        Keypoints whose patch leaves the image.  They are described all the same, as if the
+        surface were empty outside: near the border is where directions are told apart best.
     """
 
     xy: Floats
@@ -42,8 +44,8 @@ class Keypoints:
     support: NDArray[np.int64]
     bits: NDArray[np.uint64]
     weak: int = 0
-    at_border: int = 0
     surplus: int = 0
+    clipped: int = 0
 
     def __len__(self) -> int:
         return int(self.t.size)
@@ -126,7 +128,7 @@ class KeypointFinder:
         self._pattern = brief_pattern() if pattern is None else pattern
         if self._pattern.ndim != 2 or self._pattern.shape[1] != 4 or len(self._pattern) % 64:
             raise InputError(f"pattern must have shape (64 m, 4), not {self._pattern.shape}")
-        self.margin = int(np.abs(self._pattern).max())
+        self._margin = int(np.abs(self._pattern).max())
         self._reach, self._support, self._most, self._smooth = reach, support, most, smooth
         self._owner = np.full((2, height, width), -1, dtype=np.int32)
 
@@ -149,30 +151,32 @@ class KeypointFinder:
         columns = (corners.x, corners.y, corners.t, corners.p)
         sums = sums[: kernels.gather_corners(columns, self._owner, self._reach, sums)]
         strong = sums[sums[:, 3] >= self._support]
-        centres = np.rint(strong[:, :2] / strong[:, 3:4]).astype(np.int64)
-        limit = np.array(self.shape[::-1]) - self.margin
-        inside = ((centres >= self.margin) & (centres < limit)).all(axis=1)
-        kept, centres = strong[inside], centres[inside]
-        most = np.argsort(-kept[:, 3], kind="stable")[: self._most]
-        most = most[np.lexsort((kept[most, 1] / kept[most, 3], kept[most, 4]))]
+        most = np.argsort(-strong[:, 3], kind="stable")[: self._most]
+        kept = strong[most]
+        kept = kept[np.lexsort((kept[:, 1] / kept[:, 3], kept[:, 4]))]
+        xy = kept[:, :2] / kept[:, 3:4]
+        centres = np.rint(xy).astype(np.int64)
+        limit = np.array(self.shape[::-1]) - self._margin
+        inside = ((centres >= self._margin) & (centres < limit)).all(axis=1)
         return Keypoints(
-            xy=kept[most, :2] / kept[most, 3:4],
-            t=1e-6 * kept[most, 2] / kept[most, 3],
-            p=kept[most, 4] > 0,
-            support=kept[most, 3].astype(np.int64),
-            bits=self._describe(surface, centres[most]),
+            xy=xy,
+            t=1e-6 * kept[:, 2] / kept[:, 3],
+            p=kept[:, 4] > 0,
+            support=kept[:, 3].astype(np.int64),
+            bits=self._describe(surface, centres),
             weak=len(sums) - len(strong),
-            at_border=len(strong) - len(kept),
-            surplus=len(kept) - len(most),
+            surplus=len(strong) - len(kept),
+            clipped=int((~inside).sum()),
         )
 
     def _describe(self, surface: NDArray, centres: NDArray[np.int64]) -> NDArray[np.uint64]:
-        """Return BRIEF descriptors; the patches lie inside."""
+        """Return BRIEF descriptors; outside the image the surface is empty."""
         bits = np.empty((len(centres), len(self._pattern) // 64), dtype=np.uint64)
         if len(centres):
             image = np.ascontiguousarray(surface, dtype=np.float32)
             smooth = cv2.blur(image, (self._smooth, self._smooth))
-            kernels.brief(smooth, centres, self._pattern, bits)
+            around = cv2.copyMakeBorder(smooth, *4 * (self._margin,), cv2.BORDER_CONSTANT)
+            kernels.brief(around, centres + self._margin, self._pattern, bits)
         return bits
 
 

@@ -156,10 +156,10 @@ class HeadingEstimator:
         self._maker = KeyframeMaker(camera, surface, rate, seed)
         self._reach = REACH * camera.width
         self._steps = steps
-        self._lag = (steps + 1) // 2
+        self._lag = steps // 2 + 1
         self._keyframes: deque[Keyframe] = deque(maxlen=2 * self._lag + 1)
         self._next = 0
-        self._shared: list[Matches] = []
+        self._pairs: dict[int, list[Matches]] = {}
         self._keep = keep_correspondences
         self._fits: list[Fit] = []
         self._kept: list[tuple[Matches, NDArray[np.bool_]]] = []
@@ -214,18 +214,17 @@ class HeadingEstimator:
         while self._keyframes and self._next <= self._keyframes[-1].number:
             self._close_window()
         self._keyframes.clear()
-        self._shared = []
+        self._pairs.clear()
 
     def _close_window(self) -> None:
-        """Fit the window around keyframe `_next`: pairs whose middles lie within half a step.
-
-        Pairs with their middle half a step later serve the next window too.
-        """
+        """Fit the window around keyframe `_next`: pairs whose middles lie within a step of it."""
         centre = self._next
         self._next += 1
-        middle, later = self._matches(2 * centre), self._matches(2 * centre + 1)
-        parts = [*self._shared, *middle, *later]
-        self._shared = later
+        # Keyframe numbers of a pair add up to twice its middle.
+        middles = range(2 * centre - 2, 2 * centre + 3)
+        known = self._pairs
+        self._pairs = {k: known[k] if k in known else self._matches(k) for k in middles}
+        parts = [pair for k in middles for pair in self._pairs[k]]
         t = centre * self._maker.step
         if not parts:
             self._gaps.append(Gap(t, TOO_FEW))
@@ -238,8 +237,8 @@ class HeadingEstimator:
             self._gaps.append(Gap(t, found))
             return
         if self._keep:
-            # Pairs of the window before, whose middle lies half a step earlier, are there.
-            own = 2 * (matches.pair // MAX_STEPS) + matches.span >= 2 * centre
+            # Each pair belongs to the window whose middle is nearest, or just before.
+            own = matches.middle // 2 == centre
             self._kept.append((matches[own], found.inliers[own]))
         self._fits.append(found)
 
