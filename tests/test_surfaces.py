@@ -208,6 +208,26 @@ def test_speed_invariant_surfaces_do_not_see_the_speed(function):
     np.testing.assert_array_equal(function(events), function(slow))
 
 
+def test_dist_clips_at_the_smallest_count_that_enough_pixels_do_not_exceed():
+    x = [0, 1, 2, 2, 2, 3, 3, 3]
+    events = Events.from_arrays(x, [0] * 8, np.arange(8) * 100, [1] * 8, 4, 1)
+    # Counts 1, 1, 3, 3: half of the pixels do not exceed 1.
+    expected = naive.dist(rows(events), 0, 4, 1, 1.0, 3, 0.5)
+    assert dist(events, alpha=1.0, patch=3, clip=0.5)[1].tolist() == expected
+    assert dist(events, alpha=1.0, patch=3, clip=0.51)[1].tolist() != expected
+
+
+def test_tos_ts_lives_for_its_age_and_no_longer():
+    events = Events.from_arrays([1], [0], [5], [True], 3, 2)
+    # 30,000 us * ln 10 = 69,077.6 us
+    assert tos_ts(events, 5 + 69_077).tolist() == [[0, 255, 0], [0, 0, 0]]
+    assert not tos_ts(events, 5 + 69_078).any()
+    for age in range(1, 3000, 37):
+        level = math.exp(-age / 30_000)
+        assert TosTs(3, 2, ts_threshold=level).max_age_us == age - 1
+        assert TosTs(3, 2, ts_threshold=math.nextafter(level, 0)).max_age_us == age
+
+
 def test_dist_ranks_lie_between_0_and_1_and_counts_of_single_pixels_vanish():
     lonely = Events.from_arrays([0, 9], [0, 9], [10, 20], [1, 1], 10, 10)
     assert not dist(lonely).any()
