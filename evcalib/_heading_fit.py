@@ -190,9 +190,16 @@ def _objection(matches: Matches, translation: Translation, options: FitOptions) 
     if inliers.mean() < SHARE:
         return DISAGREE
     # Parallax grows with the span, and so does the evidence against a turn.
-    longer = matches[matches.span >= np.median(matches.span)]
-    spans, groups = longer.t2 - longer.t1, longer.cell
-    if turn_explains(longer.r1, longer.r2, spans, translation, seed=options.seed, groups=groups):
+    long = matches.span >= np.median(matches.span)
+    some = matches[long]
+    if turn_explains(
+        some.r1,
+        some.r2,
+        some.t2 - some.t1,
+        translation.select(long),
+        seed=options.seed,
+        groups=some.cell,
+    ):
         return NO_PARALLAX
     if not translation.sd <= options.max_sd:
         return UNCERTAIN
@@ -209,9 +216,13 @@ def _surviving(pair: NDArray[np.int64], inliers: NDArray[np.bool_]) -> NDArray[n
 
 
 def _one_pair(matches: Matches) -> NDArray[np.bool_]:
-    """Tell which rows belong to the pair of most displacement in all."""
-    number = _numbered(matches.pair)
-    return number == np.argmax(np.bincount(number, matches.shift))
+    """Tell which rows belong to the longest central pair with at least half as many as the best.
+
+    Pairs about the very middle of the window keep the times of the headings apart.
+    """
+    middle = matches.middle == int(np.median(matches.middle))
+    count = np.bincount(matches.span, middle)
+    return middle & (matches.span == np.flatnonzero(count >= 0.5 * count.max())[-1])
 
 
 def _numbered(pair: NDArray[np.int64]) -> NDArray[np.int64]:
