@@ -121,26 +121,40 @@ def bilinear(texels, start, side, x, y):
     return upper + fy * (lower - upper)
 
 
-@jit
-def at_level(texels, side, texture, u, v, level):
-    """Return a texture's value at a whole level, whose side is `side` / 2^level texels.
+class Detail(NamedTuple):
+    """Where the texels of a level begin, its side, that side against level 0, and how far to blend.
 
-    4 (side^2 - (side / 2^level)^2) / 3 texels of finer levels come before it.
+    The next level, half as wide, follows it.
     """
-    size = side >> level
-    scale = size / side
-    first = (texture * (4 * side * side - 1) + 4 * (side * side - size * size)) // 3
-    return bilinear(texels, first, size, u * scale, v * scale)
+
+    first: int
+    size: int
+    scale: float
+    blend: float
 
 
 @jit
-def reflectance(texels, side, texture, u, v, level):
-    """Return a texture's value between two levels of detail (log2 of the texels per sample)."""
+def detail_of(texture, side, footprint):
+    """Return the level for samples that are `footprint` texels wide.
+
+    4 (side^2 - size^2) / 3 texels of finer levels come before that of width `size`.
+    """
+    level = math.log2(min(max(footprint, 1.0), float(side)))
     fine = int(level)
-    value = at_level(texels, side, texture, u, v, fine)
-    if level == fine:
+    size = side >> fine
+    first = (texture * (4 * side * side - 1) + 4 * (side * side - size * size)) // 3
+    return Detail(first, size, size / side, level - fine)
+
+
+@jit
+def reflectance(texels, detail, u, v):
+    """Return a texture's value between two levels; coordinates in texels of level 0."""
+    x, y = u * detail.scale, v * detail.scale
+    value = bilinear(texels, detail.first, detail.size, x, y)
+    if detail.blend == 0.0:
         return value
-    return value + (level - fine) * (at_level(texels, side, texture, u, v, fine + 1) - value)
+    first, half = detail.first + detail.size * detail.size, detail.size >> 1
+    return value + detail.blend * (bilinear(texels, first, half, 0.5 * x, 0.5 * y) - value)
 
 
 @jit
@@ -217,11 +231,12 @@ def render_pixels(pixels, pose, bearings, sample_angle, near, scene, light, dept
     """
     room, boxes, faces, texels = scene.room, scene.boxes, scene.faces, scene.texels
     origin = (pose[0], pose[1], pose[2])
-    scale, coarsest = sample_angle * scene.per_metre, math.log2(scene.side)
+    per_metre, side = scene.per_metre, scene.side
     left, right, top, bottom, width = pixels
+    detail = detail_of(0, side, 1.0)
     for y in range(top, bottom):
         for i in range(y * width + left, y * width + right):
-            total, level, face = 0.0, 0.0, -1
+            total, face = 0.0, -1
             for k in range(bearings.shape[1]):
                 ray = turn(pose, bearings[i, k, 0], bearings[i, k, 1], bearings[i, k, 2])
                 distance, axis = exit_room(origin, ray, room)
@@ -236,11 +251,10 @@ def render_pixels(pixels, pose, bearings, sample_angle, near, scene, light, dept
                 hit = hit_at(distance, axis, body, start, direction)
                 if hit.face != face:
                     face = hit.face
-                    footprint = hit.distance * scale / max(hit.cosine, 1e-6)
-                    level = min(math.log2(max(footprint, 1.0)), coarsest)
-                u = hit.u * scene.per_metre + faces[face, 1]
-                v = hit.v * scene.per_metre + faces[face, 2]
-                texture = int(faces[face, 0])
-                total += faces[face, 3] * reflectance(texels, scene.side, texture, u, v, level)
+                    footprint = distance * sample_angle * per_metre / max(hit.cosine, 1e-6)
+                    detail = detail_of(int(faces[face, 0]), side, footprint)
+                u = hit.u * per_metre + faces[face, 1]
+                v = hit.v * per_metre + faces[face, 2]
+                total += faces[face, 3] * reflectance(texels, detail, u, v)
                 depth[i] = distance
             light[i] = total / bearings.shape[1]
