@@ -1,0 +1,79 @@
+"""Block bootstrap of offset and rotation, for motions on which linearisation fails.
+
+Where the vehicle turns at an instant, the score over the offset is a tent, not a parabola, and its
+error depends on which headings happen to lie beside the turns.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from evcalib.kernels import offset as kernel
+from evcalib.offset import RefinedOffset, weights
+from evcalib.rotation import tukey_reach
+from evcalib.series import HeadingSeries
+from evcalib.track import VelocityTrack, intervals
+from evcalib.uncertainty import NoiseModel
+
+Floats = NDArray[np.float64]
+
+DRAWS = 200
+"""Number of resamples."""
+
+WINDOW = 0.15
+"""Half width [s] of the search around the estimate in each resample."""
+
+
+def bootstrap(
+    headings: HeadingSeries,
+    track: VelocityTrack,
+    refined: RefinedOffset,
+    noise: NoiseModel,
+    rng: np.random.Generator,
+) -> Floats:
+    """Return the covariance (4, 4) of rotation vector (body frame) [rad] and offset [s].
+
+    Blocks of neighbouring headings, longer than the memory of the noise, are drawn with
+    replacement, and offset and rotation are searched anew in each draw.
+    """
+    begin, end = intervals(headings)
+    e = np.ascontiguousarray(headings.v.T)
+    steps = np.linspace(-WINDOW, WINDOW, 61)
+    reach = min(tukey_reach(refined.mixture.sigma), 0.5)
+    reaches = np.array([0.5, reach, reach])
+    memory = 4 * noise.memory if noise.share > 0.1 else 0.0
+    length = max(0.5, min(memory, float(np.ptp(headings.t)) / 10))
+    block = np.floor((headings.t - headings.t[0]) / length).astype(np.int64)
+    _, block = np.unique(block, return_inverse=True)
+    count = int(block.max()) + 1
+    errors = np.empty((DRAWS, 4))
+    for draw in range(DRAWS):
+        times = np.bincount(rng.integers(count, size=count), minlength=count)
+        score, _, rotations = kernel.profile(
+            begin,
+            end,
+            e,
+            weights(headings) * times[block],
+            refined.offset + steps,
+            track.arrays,
+            track.limits,
+            reaches,
+        )
+        peak = int(np.argmax(score))
+        errors[draw, 3] = _vertex(steps, score, peak)
+        errors[draw, :3] = _rotation_vector(rotations[peak] @ refined.R_body_cam.T)
+    return np.cov(errors.T)
+
+
+def _vertex(steps: Floats, score: Floats, peak: int) -> float:
+    near = np.abs(steps - steps[peak]) <= 0.05 + 1e-9
+    a, b, _ = np.polyfit(steps[near] - steps[peak], score[near], 2)
+    if a >= 0:
+        return float(steps[peak])
+    return float(steps[peak] + np.clip(-b / (2 * a), -0.05, 0.05))
+
+
+def _rotation_vector(R: Floats) -> Floats:
+    """Return the rotation vector [rad] of a small rotation."""
+    return 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])

@@ -1,0 +1,216 @@
+"""What the motion can tell, and what it cannot.
+
+The offset shows only through a body direction that turns at a changing rate: on a constant-rate
+arc ``v_o(t + td) = Rz(omega td) v_o(t)``, so every offset fits with its own rotation.  The rotation
+shows only as far as the directions span more than one axis.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from evcalib.track import VelocityTrack, rebuilt, white_noise
+
+Floats = NDArray[np.float64]
+
+BLOCK = 0.5
+"""Length [s] of the blocks over which the heading-rate test averages."""
+
+RATE_GATE = 3.0
+"""Standard deviations by which the heading rate must vary for the offset to be observable."""
+
+FOLLOW_GATE = 2.0
+"""Standard errors by which the headings must prefer the track to one that turns steadily."""
+
+HEADING_BIAS = np.radians(0.75)
+"""Systematic error [rad] that real headings share; limits what nearly parallel ones can tell."""
+
+MAX_ROTATION_SD = np.radians(15.0)
+"""An axis about which the rotation is less sure than this [rad] counts as not determined."""
+
+DIRECTION_FLOOR = 1e-4
+"""Velocity directions [rad] are never taken to be more exact than this."""
+
+
+@dataclass(frozen=True, eq=False)
+class DirectionSpread:
+    """How the body directions are spread.
+
+    Attributes
+    ----------
+    axis : ndarray, shape (3,)
+        Main axis of the directions in the body frame, X (else Y, else Z) positive.
+    spread : float
+        Root mean square angle [rad] of the directions from that axis, within the widest plane, less
+        what noise of the velocities explains.
+    axes : int
+        Number of distinct axes, 10 degrees apart, that hold at least 5 % of the directions each.
+    """
+
+    axis: Floats
+    spread: float
+    axes: int
+
+
+def heading_rate_test(track: VelocityTrack, start: float, end: float) -> float:
+    """Return by how many standard deviations the body's heading rate varies.
+
+    Velocities are averaged over blocks.  From one block to the next the direction turns; the turns
+    are compared with the best constant rate of turning, and their sum of squares with what noise
+    leaves, its memory included, so that noise does not pass for motion.
+
+    Parameters
+    ----------
+    track : VelocityTrack
+        Velocities.
+    start, end : float
+        Part [s] of the track to look at.
+
+    Returns
+    -------
+    float
+        z value; below 3 the offset is not observable.
+    """
+    t, direction, segment, variance = _block_means(track, start, end)
+    joined = (segment[1:] == segment[:-1]) & (np.diff(t) < 1.5 * BLOCK)
+    if joined.sum() < 3:
+        return 0.0
+    _, residual, step = _fit_rate(t, direction, joined)
+    variance += DIRECTION_FLOOR**2
+    expected = variance * np.sum(2.0 / step**2)
+    # Neighbouring turns share a block: their sum of squares scatters as with 2/3 of their number.
+    dof = 2.0 / 3.0 * step.size
+    # Wilson and Hilferty's cube root makes the sum of squares normal, its long tail included.
+    root = (residual / expected) ** (1 / 3)
+    return float((root - (1 - 2 / (9 * dof))) / np.sqrt(2 / (9 * dof)))
+
+
+def steady_turning(track: VelocityTrack, start: float, end: float) -> VelocityTrack:
+    """Return the track as if the direction had turned at one constant rate in each segment.
+
+    Speeds and times stay.  Headings that follow the real track no better than this one carry no
+    information on the offset.
+    """
+    used = (track.t >= start) & (track.t <= end)
+    v = track.v.copy()
+    rate = _common_rate(track, start, end)
+    speed = np.linalg.norm(v, axis=1)
+    length = float(np.linalg.norm(rate))
+    axis = rate / length if length > 0 else np.array([0.0, 0.0, 1.0])
+    for number in np.unique(track.segment[used]):
+        rows = used & (track.segment == number)
+        angle = length * (track.t[rows] - track.t[rows].mean())
+        mean = _turn(v[rows], axis, -angle).sum(axis=0)
+        norm = np.linalg.norm(mean)
+        if norm > 0:
+            straight = np.broadcast_to(mean / norm, (int(rows.sum()), 3))
+            v[rows] = speed[rows, None] * _turn(straight, axis, angle)
+    return rebuilt(track, v)
+
+
+def _common_rate(track: VelocityTrack, start: float, end: float) -> Floats:
+    """Return the constant rate of turning [rad/s] that fits the blocks best."""
+    t, direction, segment, _ = _block_means(track, start, end)
+    joined = (segment[1:] == segment[:-1]) & (np.diff(t) < 1.5 * BLOCK)
+    return _fit_rate(t, direction, joined)[0] if joined.any() else np.zeros(3)
+
+
+def _fit_rate(
+    t: Floats, direction: Floats, joined: NDArray[np.bool_]
+) -> tuple[Floats, float, Floats]:
+    """Return the rate w of turn = w x direction, the residual sum of squares, and the steps."""
+    step = np.diff(t)[joined]
+    turn = (direction[1:] - direction[:-1])[joined] / step[:, None]
+    middle = 0.5 * (direction[1:] + direction[:-1])[joined]
+    rows = np.zeros((len(middle), 3, 3))
+    rows[:, 0, 1], rows[:, 0, 2] = middle[:, 2], -middle[:, 1]
+    rows[:, 1, 0], rows[:, 1, 2] = -middle[:, 2], middle[:, 0]
+    rows[:, 2, 0], rows[:, 2, 1] = middle[:, 1], -middle[:, 0]
+    rate, *_ = np.linalg.lstsq(rows.reshape(-1, 3), turn.ravel(), rcond=1e-9)
+    return rate, float(np.sum((turn - rows @ rate) ** 2)), step
+
+
+def _turn(v: Floats, axis: Floats, angle: Floats) -> Floats:
+    """Return vectors (n, 3) turned about a unit axis by angles (n,) (Rodrigues)."""
+    c, s = np.cos(angle)[:, None], np.sin(angle)[:, None]
+    along = (v @ axis)[:, None] * axis
+    return along + c * (v - along) + s * np.cross(axis, v)
+
+
+def _block_means(
+    track: VelocityTrack, start: float, end: float
+) -> tuple[Floats, Floats, NDArray[np.int64], float]:
+    """Return times, directions and segments of blocks, and the noise variance of a direction."""
+    speed = np.linalg.norm(track.v, axis=1)
+    used = (track.t >= start) & (track.t <= end) & (speed >= track.min_speed) & (speed > 0)
+    if not used.any():
+        return np.empty(0), np.empty((0, 3)), np.empty(0, dtype=np.int64), 0.0
+    t, v, segment = track.t[used], track.raw[used], track.segment[used]
+    block = np.floor((t - t[0]) / BLOCK).astype(np.int64)
+    first = np.flatnonzero(np.r_[True, (np.diff(block) > 0) | (np.diff(segment) > 0)])
+    count = np.diff(np.r_[first, t.size])
+    total = np.add.reduceat(v, first, axis=0)
+    length = np.maximum(np.linalg.norm(total, axis=1), 1e-300)
+    direction = total / length[:, None]
+    sigma, rho = coloured_noise(track.raw, track.segment)
+    # Noise along the direction does not turn it.
+    across = float(np.mean((1.0 - direction**2) @ sigma**2)) * (1 + rho) / (1 - rho)
+    mean_t = np.add.reduceat(t, first) / count
+    return mean_t, direction, segment[first], across * float(np.median(count / length**2))
+
+
+def coloured_noise(v: Floats, segment: NDArray[np.int64]) -> tuple[Floats, float]:
+    """Return the standard deviation per axis of AR(1) noise on a smooth signal, and its rho.
+
+    Second differences over h samples have the variance sigma^2 (6 - 8 rho^h + 2 rho^2h); those over
+    1 and 4 samples give both unknowns.
+    """
+    near, far = (white_noise(v, segment, lag) for lag in (1, 4))
+    moving = near > 0
+    if not moving.any():
+        return near, 0.0
+    ratio = float(np.sqrt(np.mean(far[moving] ** 2) / np.mean(near[moving] ** 2)))
+    rho = np.linspace(0.0, 0.95, 96)
+    spread = _second_difference(rho)
+    rho_hat = float(rho[np.argmin(np.abs(np.sqrt(_second_difference(rho**4) / spread) - ratio))])
+    return near * np.sqrt(6.0 / _second_difference(rho_hat)), rho_hat
+
+
+def _second_difference(rho: Any) -> Any:
+    return 6 - 8 * rho + 2 * rho**2
+
+
+def direction_spread(d: Floats, track: VelocityTrack) -> DirectionSpread:
+    """Describe how body directions (n, 3) are spread; opposite directions count as one."""
+    values, vectors = np.linalg.eigh(d.T @ d / len(d))
+    axis = vectors[:, 2]
+    axis = axis * np.sign(axis[np.argmax(np.abs(axis) > 1e-6)])
+    speed = np.median(np.linalg.norm(track.v, axis=1))
+    noise = float(np.max(track.noise) / max(speed, 1e-12)) ** 2
+    return DirectionSpread(axis, float(np.sqrt(max(values[1] - noise, 0.0))), _count_axes(d))
+
+
+def _count_axes(d: Floats, apart: float = np.radians(10.0), share: float = 0.05) -> int:
+    near = np.abs(d @ d.T) > np.cos(apart / 2) if len(d) <= 2000 else None
+    if near is None:
+        return _count_axes(d[:: len(d) // 1000])
+    left, count = np.ones(len(d), dtype=bool), 0
+    while left.any():
+        size = (near & left).sum(axis=1)
+        if size.max() < share * len(d):
+            break
+        count += 1
+        left &= ~(np.abs(d @ d[int(size.argmax())]) > np.cos(apart))
+    return count
+
+
+def axis_name(axis: Floats) -> str:
+    """Name a direction in the body frame: forward, left, up, or by its numbers."""
+    for name, index in (("forward", 0), ("left", 1), ("up", 2)):
+        if abs(axis[index]) > np.cos(np.radians(20.0)):
+            return f"the body's {name} axis"
+    return f"the body axis ({axis[0]:.2f}, {axis[1]:.2f}, {axis[2]:.2f})"

@@ -1,0 +1,485 @@
+"""The time offset between camera and odometry (paper Sec. III-C, Alg. 1).
+
+Each method gives a score for every candidate offset, and none of them needs the rotation.  The
+odometry is never interpolated across gaps or extrapolated: a heading counts at an offset only
+where the odometry covers it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from evcalib import _check
+from evcalib.errors import InputError
+from evcalib.kernels import offset as kernel
+from evcalib.rotation import MIN_SIGMA, Mixture, fit_mixture, misfits, tukey_reach
+from evcalib.series import HeadingSeries
+from evcalib.track import VelocityTrack, intervals
+
+Floats = NDArray[np.float64]
+
+METHODS = ("profile", "trace", "canonical", "scalar", "none")
+
+STEP = 0.01
+"""Grid of the search [s]; finer grids only follow the noise of the odometry (measured)."""
+
+WIDE_REACHES = np.array([2.0, 1.0, 0.5])
+"""Tukey reaches of the search, 1 - cos(angle): 180, 90 and 60 degrees."""
+
+MIN_OVERLAP = 0.5
+"""Candidates with less than this share of the best overlap are not compared."""
+
+RANK_TOLERANCE = 1e-9
+"""Eigenvalues below this share of the largest one are zero."""
+
+
+@dataclass(frozen=True, eq=False)
+class OffsetCurve:
+    """Score over candidate offsets, and its peak.
+
+    Attributes
+    ----------
+    method : str
+        Name of the method.
+    offsets : ndarray, shape (m,)
+        Candidates [s], ascending.
+    score : ndarray, shape (m,)
+        Score of each, at most 1; NaN where too few headings overlap.
+    overlap : ndarray, shape (m,)
+        Share of the headings' weight that the odometry covers.
+    offset : float
+        Peak [s], between the grid points.
+    second_peak_ratio : float
+        Height of the second local maximum over that of the first; 0 if there is only one.
+    at_edge : bool
+        Whether the peak lies on the border of the candidates.
+    """
+
+    method: str
+    offsets: Floats
+    score: Floats
+    overlap: Floats
+    offset: float
+    second_peak_ratio: float
+    at_edge: bool
+
+    @property
+    def peak(self) -> int:
+        """Index of the largest score."""
+        return int(np.nanargmax(self.score))
+
+
+def candidate_offsets(max_offset: float, step: float = STEP) -> Floats:
+    """Return offsets [s] from -max_offset to max_offset, zero included."""
+    _check.positive(max_offset, "max_offset", "seconds")
+    count = int(np.floor(max_offset / _check.positive(step, "step", "seconds") + 1e-9))
+    return np.arange(-count, count + 1) * step
+
+
+def find_offset(
+    headings: HeadingSeries,
+    track: VelocityTrack,
+    *,
+    max_offset: float = 1.0,
+    method: str = "profile",
+    step: float = STEP,
+) -> OffsetCurve:
+    """Search the offset that makes the two streams agree best under some rotation.
+
+    Parameters
+    ----------
+    headings : HeadingSeries
+        Directions of the camera's motion.
+    track : VelocityTrack
+        Velocities of the body (see :func:`evcalib.track.velocity_track`).
+    max_offset : float
+        Offsets from -max_offset to max_offset [s] are tried.
+    method : {"profile", "trace", "canonical", "scalar"}
+        ``profile``: the best rotation's robust score (ours).  ``trace``: the paper's trace
+        correlation (Eq. 11), mended: pseudo-inverse and 1/rank in place of an inverse that planar
+        motion does not have and 1/3; no lag in the auto-covariances.  ``canonical``: the first
+        canonical correlation.  ``scalar``: correlation of the two rates of turning.
+    step : float
+        Grid [s]; the peak of a parabola through its surroundings is returned.
+
+    Raises
+    ------
+    InputError
+        If the two streams overlap at no candidate, or a parameter is unusable.
+    """
+    _check.one_of(method, "offset_method", METHODS[:-1])
+    offsets = candidate_offsets(max_offset, step)
+    headings = headings.usable()
+    total = weights(headings).sum()
+    headings = _common(headings, track, offsets[[0, offsets.size // 2, -1]])
+    score, totals = _CURVES[method](headings, track, offsets)
+    if not (totals > 0).any():
+        raise InputError(no_overlap(headings, track, max_offset))
+    score = np.where(totals >= MIN_OVERLAP * totals.max(), score, np.nan)
+    peak = int(np.nanargmax(score))
+    return OffsetCurve(
+        method=method,
+        offsets=offsets,
+        score=score,
+        overlap=totals / total,
+        offset=_subgrid_peak(offsets, score, peak),
+        second_peak_ratio=_second_peak_ratio(score, peak),
+        at_edge=_at_edge(score, peak),
+    )
+
+
+def weights(headings: HeadingSeries) -> Floats:
+    """Return the weight of each heading, 1 where none is given."""
+    return np.ones(len(headings)) if headings.weight is None else headings.weight
+
+
+def no_overlap(headings: HeadingSeries, track: VelocityTrack, max_offset: float) -> str:
+    """Say how far apart two streams are that do not overlap."""
+    if headings.t.size == 0:
+        return "headings: no usable row is left"
+    return (
+        f"headings ({headings.t[0]:.3f} to {headings.t[-1]:.3f} s) and velocities"
+        f" ({track.t[0]:.3f} to {track.t[-1]:.3f} s, where moving and without gaps) do not overlap"
+        f" for any offset within +-{max_offset:g} s; check the clocks or raise max_offset"
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class RefinedOffset:
+    """Offset after the local search.
+
+    Attributes
+    ----------
+    offset : float
+        Offset [s].
+    R_body_cam : ndarray, shape (3, 3)
+        Best rotation there, under the same loss.
+    mixture : Mixture
+        Inlier scale and shares there.
+    curvature : float
+        Second derivative of the mean score [1/s^2]; negative at a peak.
+    converged : bool
+        Whether the peak stayed within the window.
+    """
+
+    offset: float
+    R_body_cam: Floats
+    mixture: Mixture
+    curvature: float
+    converged: bool
+
+
+def refine_offset(
+    headings: HeadingSeries, track: VelocityTrack, start: float, *, window: float | None = None
+) -> RefinedOffset:
+    """Move an offset to the nearest peak of the profile under a loss as narrow as the noise.
+
+    A parabola is fitted by least squares to the profile over +-window around the offset, again
+    around its vertex, until that stays.  The width averages over the roughness that noise in the
+    odometry leaves in the profile.
+
+    Parameters
+    ----------
+    headings, track
+        As in :func:`find_offset`.
+    start : float
+        Offset [s] within the basin of the peak.
+    window : float, optional
+        Half width [s]; 0.1, or 1.5 headings' spacing if that is more, if not given.
+    """
+    headings = headings.usable()
+    if window is None:
+        spacing = float(np.median(np.diff(headings.t))) if len(headings) > 1 else 0.0
+        window = max(0.1, min(1.5 * spacing, 0.2))
+    steps = np.linspace(-window, window, 21)
+    offset, turn = start, _turning(track, headings, start)
+    R, mixture = _at(headings, track, offset, WIDE_REACHES)
+    curvature, converged = 0.0, False
+    for _ in range(12):
+        # Misfits at the window's borders must stay within reach of the loss.
+        sigma = float(np.hypot(mixture.sigma, turn * window / np.sqrt(3)))
+        reaches = np.append(WIDE_REACHES[-1:], np.full(3, min(tukey_reach(sigma), 0.5)))
+        part = _common(headings, track, offset + steps)
+        begin, end = intervals(part)
+        w, e = weights(part), np.ascontiguousarray(part.v.T)
+        score, totals, _ = kernel.profile(
+            begin, end, e, w, offset + steps, track.arrays, track.limits, reaches
+        )
+        use = totals >= MIN_OVERLAP * totals.max()
+        if use.sum() < 5 or totals.max() == 0:
+            break
+        a, b, _ = np.polyfit(steps[use], score[use], 2)
+        curvature = 2 * a
+        if a >= 0:
+            break
+        move = float(np.clip(-b / (2 * a), -window, window))
+        offset += move
+        R, mixture = _at(headings, track, offset, reaches)
+        if abs(move) < 1e-3 * window:
+            converged = True
+            break
+    return RefinedOffset(offset, R, mixture, curvature, converged)
+
+
+def inliers_at(headings: HeadingSeries, track: VelocityTrack, offset: float) -> RefinedOffset:
+    """Return the robust rotation and the noise at an offset that is taken as it is."""
+    R, mixture = _at(headings.usable(), track, offset, WIDE_REACHES)
+    return RefinedOffset(offset, R, mixture, -1.0, True)
+
+
+def plausible_offsets(
+    headings: HeadingSeries,
+    track: VelocityTrack,
+    offsets: Floats,
+    refined: RefinedOffset,
+    *,
+    inflation: float = 1.0,
+    gate: float = 2.0,
+) -> NDArray[np.bool_]:
+    """Tell which candidates the data cannot tell from the peak.
+
+    The scores of the same headings at two offsets are compared pair by pair (Vuong 1989): a
+    candidate is plausible if the mean difference is below `gate` standard errors.  (At a smooth
+    peak that is the case up to 2 * gate standard deviations of the offset.)
+
+    Parameters
+    ----------
+    headings, track, offsets
+        As in :func:`find_offset`.
+    refined : RefinedOffset
+        The peak.
+    inflation : float
+        Variance inflation of a mean, from the correlation of the noise over time.
+    gate : float
+        Standard errors.
+
+    Returns
+    -------
+    ndarray of bool, shape (m,)
+        The plausible ones.
+    """
+    headings = headings.usable()
+    begin, end = intervals(headings)
+    w, e = weights(headings), np.ascontiguousarray(headings.v.T)
+    reach = min(tukey_reach(refined.mixture.sigma), 0.5)
+    reaches = np.concatenate([WIDE_REACHES, [reach, reach]])
+    _, totals, rotations = kernel.profile(
+        begin, end, e, w, offsets, track.arrays, track.limits, reaches
+    )
+    peak = _scores(headings, track, refined, reach)
+    mean, variance, pairs = kernel.contrast(
+        begin, end, e, w, offsets, track.arrays, track.limits, rotations, reach, peak
+    )
+    error = np.sqrt(inflation * variance / np.maximum(pairs, 1))
+    compared = (pairs >= 3) & (totals >= MIN_OVERLAP * totals.max())
+    return compared & (mean <= gate * error)
+
+
+def preference(
+    headings: HeadingSeries,
+    track: VelocityTrack,
+    other: VelocityTrack,
+    refined: RefinedOffset,
+    *,
+    inflation: float = 1.0,
+) -> float:
+    """Return by how many standard errors the headings prefer one track to another (Vuong 1989).
+
+    Parameters
+    ----------
+    headings, track, refined, inflation
+        As in :func:`plausible_offsets`.
+    other : VelocityTrack
+        The rival, which gets a rotation of its own.
+    """
+    headings = headings.usable()
+    reach = min(tukey_reach(refined.mixture.sigma), 0.5)
+    reaches = np.concatenate([WIDE_REACHES, [reach, reach, reach]])
+    rival, _ = _at(headings, other, refined.offset, reaches)
+    first = _scores(headings, track, refined, reach)
+    second = _scores(headings, other, replace(refined, R_body_cam=rival), reach)
+    both = (first >= 0) & (second >= 0)
+    gap = (first - second)[both]
+    w = weights(headings)[both]
+    if gap.size < 3 or not w.any():
+        return 0.0
+    mean = float(np.average(gap, weights=w))
+    spread = float(np.sqrt(np.average((gap - mean) ** 2, weights=w) * inflation / gap.size))
+    return mean / spread if spread > 0 else 0.0
+
+
+def _scores(
+    headings: HeadingSeries, track: VelocityTrack, refined: RefinedOffset, reach: float
+) -> Floats:
+    """Return the Tukey score of each heading at the refined offset, -1 where it is not covered."""
+    d = track.directions(*intervals(headings), refined.offset)
+    u = misfits(headings.v, d, refined.R_body_cam)
+    return np.where(np.any(d != 0, axis=1), np.maximum(0.0, 1.0 - u / reach) ** 3, -1.0)
+
+
+def _common(headings: HeadingSeries, track: VelocityTrack, offsets: Floats) -> HeadingSeries:
+    """Return the headings that the odometry covers at all offsets, if they are enough.
+
+    Scores are means over headings: where outliers come and go at the ends with the offset, the mean
+    moves without any change in agreement, which costs up to half of the precision (measured).
+    """
+    begin, end = intervals(headings)
+    covered = np.ones(len(headings), dtype=bool)
+    for offset in offsets:
+        covered &= np.any(track.directions(begin, end, float(offset)) != 0, axis=1)
+    enough = weights(headings)[covered].sum() >= MIN_OVERLAP * weights(headings).sum()
+    return headings.select(covered) if enough else headings
+
+
+def _at(
+    headings: HeadingSeries, track: VelocityTrack, offset: float, reaches: Floats
+) -> tuple[Floats, Mixture]:
+    begin, end = intervals(headings)
+    w, e = weights(headings), np.ascontiguousarray(headings.v.T)
+    _, _, rotations = kernel.profile(
+        begin, end, e, w, np.array([offset]), track.arrays, track.limits, reaches
+    )
+    d = track.directions(begin, end, offset)
+    known = np.any(d != 0, axis=1)
+    if not known.any():
+        return rotations[0], Mixture(MIN_SIGMA, 0.0, 0.0, 1.0)
+    return rotations[0], fit_mixture(misfits(headings.v[known], d[known], rotations[0]), w[known])
+
+
+def _turning(track: VelocityTrack, headings: HeadingSeries, offset: float) -> float:
+    """Return the root mean square turning rate of the body directions [rad/s]."""
+    begin, end = intervals(headings)
+    half = 0.05
+    before = track.directions(begin, end, offset - half)
+    after = track.directions(begin, end, offset + half)
+    known = np.any(before != 0, axis=1) & np.any(after != 0, axis=1)
+    if not known.any():
+        return 0.0
+    chord = np.linalg.norm(after[known] - before[known], axis=1)
+    return float(np.sqrt(np.mean(chord**2))) / (2 * half)
+
+
+def _profile_curve(
+    headings: HeadingSeries, track: VelocityTrack, offsets: Floats
+) -> tuple[Floats, Floats]:
+    begin, end = intervals(headings)
+    e = np.ascontiguousarray(headings.v.T)
+    score, totals, _ = kernel.profile(
+        begin, end, e, weights(headings), offsets, track.arrays, track.limits, WIDE_REACHES
+    )
+    return score, totals
+
+
+def _canonical_squares(
+    headings: HeadingSeries, track: VelocityTrack, offsets: Floats
+) -> tuple[Floats, NDArray[np.int64], Floats]:
+    """Return the squared canonical correlations (m, 3), their number (rank) and the weights."""
+    begin, end = intervals(headings)
+    e = np.ascontiguousarray(headings.v.T)
+    S_ee, S_oo, S_oe, totals = kernel.moments(
+        begin, end, e, weights(headings), offsets, track.arrays, track.limits
+    )
+    half_ee, rank_ee = _inverse_root(S_ee)
+    half_oo, rank_oo = _inverse_root(S_oo)
+    correlation = np.linalg.svd(half_oo @ S_oe @ half_ee, compute_uv=False)
+    return correlation**2, np.minimum(rank_ee, rank_oo), totals
+
+
+def _inverse_root(S: Floats) -> tuple[Floats, NDArray[np.int64]]:
+    """Return pseudo-inverse square roots of covariances (m, 3, 3), and their ranks."""
+    values, vectors = np.linalg.eigh(S)
+    kept = values > RANK_TOLERANCE * np.maximum(values[:, -1:], 1e-300)
+    root = np.where(kept, 1.0 / np.sqrt(np.where(kept, values, 1.0)), 0.0)
+    return (vectors * root[:, None, :]) @ vectors.transpose(0, 2, 1), kept.sum(axis=1)
+
+
+def _trace_curve(
+    headings: HeadingSeries, track: VelocityTrack, offsets: Floats
+) -> tuple[Floats, Floats]:
+    squares, rank, totals = _canonical_squares(headings, track, offsets)
+    return np.sqrt(squares.sum(axis=1) / np.maximum(rank, 1)), totals
+
+
+def _canonical_curve(
+    headings: HeadingSeries, track: VelocityTrack, offsets: Floats
+) -> tuple[Floats, Floats]:
+    squares, _, totals = _canonical_squares(headings, track, offsets)
+    return np.sqrt(squares[:, 0]), totals
+
+
+def _scalar_curve(
+    headings: HeadingSeries, track: VelocityTrack, offsets: Floats, half: float = 0.25
+) -> tuple[Floats, Floats]:
+    """Correlate how fast the two directions turn, which no rotation changes (cf. Mair 2011)."""
+    begin, end = intervals(headings)
+    t, rate = _turn_rate(0.5 * (begin + end), headings.v, half)
+    score, totals = np.zeros(offsets.size), np.zeros(offsets.size)
+    for k, offset in enumerate(offsets):
+        before = track.directions(t - half, t - half, offset)
+        after = track.directions(t + half, t + half, offset)
+        known = np.any(before != 0, axis=1) & np.any(after != 0, axis=1)
+        totals[k] = known.sum()
+        other = np.linalg.norm(after - before, axis=1)[known]
+        if known.sum() > 2 and other.std() > 0 and rate[known].std() > 0:
+            score[k] = np.corrcoef(rate[known], other)[0, 1]
+    return score, totals
+
+
+def _turn_rate(t: Floats, v: Floats, half: float) -> tuple[Floats, Floats]:
+    """Return the change of the mean direction from [t - 2 half, t] to [t, t + 2 half]."""
+    total = np.vstack([np.zeros(3), np.cumsum(v, axis=0)])
+    here = np.searchsorted(t, t)
+    left, right = np.searchsorted(t, t - 2 * half), np.searchsorted(t, t + 2 * half)
+    enough = (here - left >= 2) & (right - here >= 2)
+    enough &= (t - 2 * half >= t[0]) & (t + 2 * half <= t[-1])
+    before = (total[here] - total[left])[enough] / (here - left)[enough, None]
+    after = (total[right] - total[here])[enough] / (right - here)[enough, None]
+    return t[enough], np.linalg.norm(after - before, axis=1)
+
+
+_Curve = Callable[[HeadingSeries, VelocityTrack, Floats], tuple[Floats, Floats]]
+_CURVES: dict[str, _Curve] = {
+    "profile": _profile_curve,
+    "trace": _trace_curve,
+    "canonical": _canonical_curve,
+    "scalar": _scalar_curve,
+}
+
+
+def _subgrid_peak(offsets: Floats, score: Floats, peak: int, reach: int = 5) -> float:
+    """Return the vertex of the least-squares parabola through the points around the peak."""
+    window = np.arange(max(peak - reach, 0), min(peak + reach + 1, offsets.size))
+    window = window[np.isfinite(score[window])]
+    if window.size < 4:
+        return float(offsets[peak])
+    a, b, _ = np.polyfit(offsets[window] - offsets[peak], score[window], 2)
+    if a >= 0:
+        return float(offsets[peak])
+    limit = reach * (offsets[1] - offsets[0])
+    return float(offsets[peak] + np.clip(-b / (2 * a), -limit, limit))
+
+
+def _at_edge(score: Floats, peak: int) -> bool:
+    """Whether no finite candidate follows the peak on one of its sides."""
+    known = np.flatnonzero(np.isfinite(score))
+    return bool(peak in (known[0], known[-1])) and known.size > 1
+
+
+def _second_peak_ratio(score: Floats, peak: int) -> float:
+    filled = np.where(np.isfinite(score), score, -np.inf)
+    left = np.r_[-np.inf, filled[:-1]]
+    right = np.r_[filled[1:], -np.inf]
+    others = np.flatnonzero((filled > left) & (filled >= right) & np.isfinite(filled))
+    # A ripple on the flank of the peak is not a second one: the curve must dip in between.
+    top, floor = filled[peak], float(np.nanmin(score))
+    best = 0.0
+    for other in others[others != peak]:
+        low, high = sorted((int(other), peak))
+        valley = float(filled[low : high + 1].min())
+        if filled[other] - valley > 0.05 * (top - floor):
+            best = max(best, float(filled[other]))
+    return best / float(top) if top > 0 else 0.0

@@ -1,0 +1,201 @@
+"""How sure an offset and a rotation are, with noise that remembers.
+
+Noise of headings is correlated over time.  A plain least-squares covariance is then far too small;
+here the correlation is estimated from the residuals and carried through (a sandwich covariance).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import optimize, stats
+
+from evcalib.kernels import noise as kernel
+
+Floats = NDArray[np.float64]
+
+
+UNKNOWN = 1e3
+"""Variance [rad^2, s^2] of what is not known at all."""
+
+
+@dataclass(frozen=True)
+class NoiseModel:
+    """White noise plus an Ornstein-Uhlenbeck process.
+
+    The correlation of two samples `lag` seconds apart is ``share * exp(-lag / memory)``.
+
+    Attributes
+    ----------
+    share : float
+        Share of the variance that is correlated, 0 to 1.
+    memory : float
+        Its time constant [s].
+    """
+
+    share: float
+    memory: float
+
+    def correlation(self, lag: float) -> float:
+        """Return the correlation of two samples `lag` [s] apart."""
+        return self.share * float(np.exp(-lag / self.memory))
+
+    def inflation(self, t: Floats) -> float:
+        """Return the variance of the mean over times `t`, relative to that of white noise."""
+        ones = np.ones((t.size, 1, 1))
+        return float(kernel.correlated_information(t, ones, self.share, self.memory)[0, 0]) / t.size
+
+
+def fit_noise(t: Floats, noise: Floats) -> NoiseModel:
+    """Fit white plus Ornstein-Uhlenbeck noise by maximum likelihood.
+
+    Parameters
+    ----------
+    t : ndarray, shape (n,)
+        Times [s], ascending; gaps and irregular steps are fine.
+    noise : ndarray, shape (n, k)
+        k independent columns of zero mean, of common variance and correlation.
+    """
+    noise = np.ascontiguousarray(noise)
+    if t.size < 8 or not np.any(noise):
+        return NoiseModel(0.0, 1.0)
+    span, step = float(t[-1] - t[0]), float(np.median(np.diff(t)))
+    shortest, longest = 0.3 * step, max(min(0.5 * span, 60.0), step)
+
+    def loss(x: Floats) -> float:
+        share = 1.0 / (1.0 + np.exp(-x[0]))
+        memory = np.exp(np.clip(x[1], np.log(shortest), np.log(longest)))
+        return -float(kernel.log_likelihood(t, noise, share, memory))
+
+    starts = [
+        (share, memory)
+        for share in (-3.0, -1.0, 1.0, 4.0)
+        for memory in np.linspace(np.log(shortest), np.log(longest), 9)
+    ]
+    best = min(starts, key=lambda x: loss(np.array(x)))
+    found = optimize.minimize(
+        loss, best, method="Nelder-Mead", options={"xatol": 0.02, "fatol": 1e-3, "maxiter": 200}
+    )
+    if loss(found.x) > -float(kernel.log_likelihood(t, noise, 0.0, 1.0)):
+        return NoiseModel(0.0, 1.0)
+    memory = np.exp(np.clip(found.x[1], np.log(shortest), np.log(longest)))
+    return NoiseModel(float(1.0 / (1.0 + np.exp(-found.x[0]))), float(memory))
+
+
+@dataclass(frozen=True, eq=False)
+class JointCovariance:
+    """Covariance of rotation vector and offset.
+
+    Attributes
+    ----------
+    full : ndarray, shape (4, 4)
+        Covariance of the rotation vector in the body frame [rad] and of the offset [s].
+        Along what the data do not hold at all, the variance is `UNKNOWN`.
+    rotation_given_offset : ndarray, shape (3, 3)
+        Covariance of the rotation vector [rad^2] if the offset were known.
+    offset_sensitivity : ndarray, shape (3,)
+        Change of the rotation vector per second of offset [rad/s].
+    noise : NoiseModel
+        Correlation over time.
+    samples : float
+        Effective number of independent headings.
+    """
+
+    full: Floats
+    rotation_given_offset: Floats
+    offset_sensitivity: Floats
+    noise: NoiseModel
+    samples: float
+
+
+def joint_covariance(
+    t: Floats, Re: Floats, d: Floats, rate: Floats, weight: Floats, reach: float
+) -> JointCovariance:
+    """Return the covariance of rotation and offset at the optimum of a Tukey loss.
+
+    The residual of heading i is r_i = R e_i - d(t_i + offset).  A turn phi (left, in the body
+    frame) and a change of the offset move it by J_i = [-[d]_x, -d'] (with d in place of R e_i,
+    which for an outlier points anywhere).  With psi = w r the covariance is A^-1 B A^-1, where
+    A = kappa sum J^T J, kappa = mean(w + u w'), and B = var(psi) sum_ij corr(t_i - t_j) J_i^T J_j.
+
+    Parameters
+    ----------
+    t : ndarray, shape (n,)
+        Times [s] of the headings.
+    Re, d : ndarray, shape (n, 3)
+        Turned headings and body directions.
+    rate : ndarray, shape (n, 3)
+        Derivative of the body direction [1/s].
+    weight : ndarray, shape (n,)
+        Given weights of the headings, without the robust ones.
+    reach : float
+        Tukey's reach, as a misfit 1 - cos(angle); infinite for least squares.
+    """
+    u = 0.5 * np.sum((Re - d) ** 2, axis=1)
+    rest = np.maximum(0.0, 1.0 - u / reach)
+    robust = rest**2
+    kappa = float(np.average(robust - 2.0 * u * rest / reach, weights=weight))
+    psi = robust[:, None] * (Re - d)
+    variance = 0.5 * float(np.average(np.sum(psi**2, axis=1), weights=weight))
+    noise = fit_noise(t, psi)
+
+    J = np.zeros((t.size, 3, 4))
+    J[:, 0, 1], J[:, 0, 2] = d[:, 2], -d[:, 1]
+    J[:, 1, 0], J[:, 1, 2] = -d[:, 2], d[:, 0]
+    J[:, 2, 0], J[:, 2, 1] = d[:, 1], -d[:, 0]
+    J[:, :, 3] = -rate
+    J *= weight[:, None, None]
+    A = kappa * np.einsum("ica,icb->ab", J, J / np.maximum(weight, 1e-300)[:, None, None])
+    samples = t.size / noise.inflation(t)
+    # Four parameters were fitted to two numbers per independent heading.
+    lost = max(1.0 - 2.0 / max(samples, 1e-12), 0.25)
+    B = variance / lost * kernel.correlated_information(t, J, noise.share, noise.memory)
+    return JointCovariance(
+        full=_sandwich(A, B),
+        rotation_given_offset=_sandwich(A[:3, :3], B[:3, :3]),
+        offset_sensitivity=-_pseudo_inverse(A[:3, :3]) @ A[:3, 3],
+        noise=noise,
+        samples=samples,
+    )
+
+
+def rotation_radius(
+    covariance: Floats, probability: float = 0.95, samples: float = np.inf
+) -> float:
+    """Return the angle [rad] that a rotation error stays below with the given probability.
+
+    The angle squared is a sum of three weighted chi-squares; a scaled chi-square with the same mean
+    and variance (Satterthwaite) or, for few samples, a scaled F stands for it.
+    """
+    values = np.maximum(np.linalg.eigvalsh(covariance), 0.0)
+    mean = values.sum()
+    if mean == 0:
+        return 0.0
+    dof = mean**2 / np.sum(values**2)
+    quantile = stats.f.ppf(probability, dof, max(2 * samples - 4, 1.0))
+    return float(min(np.sqrt(mean * quantile), np.pi))
+
+
+def t_quantile(samples: float, probability: float = 0.95) -> float:
+    """Return the two-sided Student quantile for so many independent headings."""
+    return float(stats.t.ppf(0.5 + 0.5 * probability, max(2 * samples - 4, 1.0)))
+
+
+def _pseudo_inverse(A: Floats) -> Floats:
+    return np.linalg.pinv(A, rcond=1e-10, hermitian=True)
+
+
+def _sandwich(A: Floats, B: Floats) -> Floats:
+    """Return A^-1 B A^-1, with UNKNOWN variance along what A does not hold."""
+    scale = np.sqrt(np.maximum(np.diag(A), 1e-300))
+    values, vectors = np.linalg.eigh(A / np.outer(scale, scale))
+    known = values > 1e-10 * max(values[-1], 1e-300)
+    half = vectors[:, known] / values[known]
+    inverse = (half @ vectors[:, known].T) / np.outer(scale, scale)
+    covariance = inverse @ B @ inverse
+    for direction in (vectors[:, ~known] / scale[:, None]).T:
+        axis = direction / np.linalg.norm(direction)
+        covariance = covariance + UNKNOWN * np.outer(axis, axis)
+    return covariance

@@ -1,0 +1,171 @@
+"""The verdict in words: what was found, what the motion could not tell, and what drive would."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from evcalib.observability import FOLLOW_GATE, RATE_GATE, axis_name
+
+if TYPE_CHECKING:
+    from evcalib.calibration import Diagnostics
+
+TURN_MORE = (
+    "Drive curves whose rate of turning changes: S-curves or fingers with the direction of travel"
+    " swinging by 30 degrees or more within a few seconds. Straight lines and arcs at a constant"
+    " rate cannot show the offset."
+)
+SPREAD_MORE = (
+    "Drive in at least two directions 30 degrees or more apart (an omni-directional vehicle can do"
+    " so without turning its body)."
+)
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """The result in words.
+
+    Attributes
+    ----------
+    summary : str
+        One sentence.
+    reasons : tuple of str
+        What it rests on.
+    advice : tuple of str
+        What drive would tell what is unknown.
+    """
+
+    summary: str
+    reasons: tuple[str, ...]
+    advice: tuple[str, ...]
+
+    def __str__(self) -> str:
+        return " ".join((self.summary, *self.reasons, *self.advice))
+
+
+def judge(
+    diagnostics: Diagnostics,
+    *,
+    offset_observable: bool,
+    rotation_observable: bool,
+    offset_sd: float,
+    unknown_axis: NDArray[np.float64] | None,
+    searched: float | None,
+    given: float | None,
+    estimate: float,
+) -> Verdict:
+    """Put the diagnostics into words.
+
+    Parameters
+    ----------
+    diagnostics : Diagnostics
+        What was measured.
+    offset_observable, rotation_observable : bool
+        What is determined.
+    offset_sd : float
+        Standard deviation of the offset [s].
+    unknown_axis : ndarray, shape (3,), optional
+        Body axis about which the rotation is unknown.
+    searched : float, optional
+        Half width of the search [s]; None if there was none.
+    given : float, optional
+        Offset [s] that the user gave.
+    estimate : float
+        Offset [s] of the best score.
+    """
+    reasons: list[str] = []
+    advice: list[str] = []
+    if not offset_observable:
+        reasons.append(_why_not_observable(diagnostics, offset_sd, searched, estimate))
+        if searched is not None:
+            advice.append(TURN_MORE)
+        reasons.append(_what_offset_does(diagnostics, rotation_observable, given))
+    if unknown_axis is not None:
+        spread = np.degrees(diagnostics.spread.spread)
+        reasons.append(
+            f"The directions of travel spread by only {spread:.1f} deg (rms) around"
+            f" {axis_name(diagnostics.spread.axis)}, so the rotation about"
+            f" {axis_name(unknown_axis)} is unknown."
+        )
+        advice.append(SPREAD_MORE)
+    if diagnostics.mixture.flipped > 0.2:
+        share = 100 * diagnostics.mixture.flipped
+        reasons.append(f"{share:.0f} % of the headings point backwards: check their sign.")
+    if diagnostics.mixture.inliers < 0.3:
+        share = 100 * diagnostics.mixture.inliers
+        reasons.append(f"Only {share:.0f} % of the headings agree with the result.")
+    summary = _summary(offset_observable, rotation_observable, searched, unknown_axis)
+    return Verdict(summary, tuple(reasons), tuple(advice))
+
+
+def _summary(
+    offset: bool, rotation: bool, searched: float | None, unknown_axis: NDArray | None
+) -> str:
+    if rotation and offset:
+        return "The motion determines the rotation and the offset."
+    if rotation and searched is None:
+        return "The rotation is determined, with the offset as given."
+    if rotation:
+        return "The motion determines the rotation; the offset is not observable."
+    if offset:
+        return "The motion determines the offset, but not the whole rotation."
+    if unknown_axis is not None:
+        return "The motion determines neither the offset nor the whole rotation."
+    return "The motion determines neither the offset nor the rotation, which depends on it."
+
+
+def _why_not_observable(
+    diagnostics: Diagnostics, offset_sd: float, searched: float | None, estimate: float
+) -> str:
+    if searched is None:
+        return "The offset was not searched."
+    if diagnostics.heading_rate_z < RATE_GATE:
+        return (
+            "The offset is not observable: the direction of travel does not turn at a changing rate"
+            f" (z = {diagnostics.heading_rate_z:.1f}, {RATE_GATE:g} is needed)."
+        )
+    if diagnostics.follows_z < FOLLOW_GATE:
+        return (
+            "The offset is not observable: the headings do not follow the turns of the odometry any"
+            f" better than a steady turn (z = {diagnostics.follows_z:.1f}, {FOLLOW_GATE:g} needed)."
+        )
+    if offset_sd >= searched / 4:
+        return (
+            "The offset is not observable: the direction of travel turns too little for the noise"
+            f" (standard deviation {offset_sd:.2g} s within a search of +-{searched:g} s)."
+        )
+    if diagnostics.at_edge:
+        return (
+            f"The offset is not observable: the best score lies on the border of the search"
+            f" (+-{searched:g} s); the true offset may lie outside: raise max_offset."
+        )
+    low, high = (
+        diagnostics.plausible.min(initial=estimate),
+        diagnostics.plausible.max(initial=estimate),
+    )
+    return (
+        f"The offset is not observable: offsets from {low:.2f} to {high:.2f} s fit about as"
+        f" well as the best ({estimate:.3f} s); a periodic motion repeats itself: search less far."
+    )
+
+
+def _what_offset_does(diagnostics: Diagnostics, rotation: bool, given: float | None) -> str:
+    change = np.degrees(diagnostics.offset_matters)
+    rate = np.degrees(diagnostics.offset_sensitivity)
+    if given is not None:
+        return (
+            f"The offset of {given:g} s that was given is used; each 10 ms of error in it turns the"
+            f" rotation by {0.01 * rate:.2g} deg."
+        )
+    if rotation:
+        return (
+            "This does not matter to the rotation, which changes by at most"
+            f" {change:.1f} deg over the plausible offsets; 0 s is used."
+        )
+    return (
+        f"The rotation changes by up to {change:.1f} deg over the plausible offsets; 0 s is used:"
+        " give the offset, if it is known."
+    )
