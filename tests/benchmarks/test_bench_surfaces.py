@@ -206,7 +206,7 @@ def test_time_surface_every_10_ms_scalar_numba(race, events):
 
 def test_time_surface_every_10_ms_tonic(race, events):
     tonic = pytest.importorskip("tonic")
-    array = np.zeros(N, dtype=[("x", int), ("y", int), ("t", int), ("p", int)])
+    array = np.zeros(N, dtype=tonic.io.events_struct)
     for name in "xytp":
         array[name] = getattr(events, name)
 
