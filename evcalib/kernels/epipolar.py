@@ -126,7 +126,7 @@ def tangent_basis(t):
 
 
 @jit
-def _slope_of_sampson(t, r1, r2, normal, basis):
+def slope_of_sampson(t, r1, r2, normal, basis):
     """Return the residual, the rise, and the two derivatives along the tangent basis."""
     residual, rise, slope = _sampson(t, r1, r2, normal)
     before, after = dot(t, r1), dot(t, r2)
@@ -167,7 +167,7 @@ def refine(t, r1, r2, normals, scale, steps):
         basis = tangent_basis(t)
         a, b, c, u, v = 1e-18, 0.0, 1e-18, 0.0, 0.0
         for i in range(len(r1)):
-            residual, rise, j0, j1 = _slope_of_sampson(t, r1[i], r2[i], normals[i], basis)
+            residual, rise, j0, j1 = slope_of_sampson(t, r1[i], r2[i], normals[i], basis)
             ratio = residual / (3.0 * scale)
             if abs(ratio) >= 1.0 or rise > scale:
                 continue
@@ -205,7 +205,7 @@ def normal_equations(t, r1, r2, normals, scale, groups):
     used = np.zeros(len(scores), dtype=np.bool_)
     curve, total = 0.0, 0.0
     for i in range(len(r1)):
-        residual, rise, j0, j1 = _slope_of_sampson(t, r1[i], r2[i], normals[i], basis)
+        residual, rise, j0, j1 = slope_of_sampson(t, r1[i], r2[i], normals[i], basis)
         ratio = residual / (3.0 * scale)
         if abs(ratio) >= 1.0 or rise > scale:
             continue
