@@ -11,15 +11,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from surface_streams import random_events, rows, size, streams
 
-from evcalib.errors import InputError
 from evcalib.events import MAX_TIME_US, Events
 from evcalib.surfaces import (
     SURFACES,
-    Dist,
-    Silc,
-    TimeSurface,
-    Tos,
     TosTs,
     dist,
     silc,
@@ -28,39 +24,10 @@ from evcalib.surfaces import (
     tos_ts,
 )
 
-CLASSES = list(SURFACES.values())
-
-
-@st.composite
-def streams(draw, largest=24):
-    """Small sensors, crowded pixels, equal times, starts at 0."""
-    width, height = draw(st.integers(1, largest)), draw(st.integers(1, largest))
-    n = draw(st.integers(1, 120))
-    seed, step = draw(st.integers(0, 2**32 - 1)), draw(st.sampled_from([1, 3, 500, 40_000]))
-    return random_events(width, height, n, seed, step, hot=draw(st.booleans()))
-
-
-def random_events(width, height, n, seed, step, *, hot=False):
-    rng = np.random.default_rng(seed)
-    x, y = rng.integers(0, width, n), rng.integers(0, height, n)
-    if hot:
-        x[rng.random(n) < 0.7] = width // 2
-        y[rng.random(n) < 0.7] = height // 2
-    t = np.cumsum(rng.integers(0, step, n, endpoint=True))
-    return Events.from_arrays(x, y, t - t[0], rng.random(n) < 0.4, width, height)
-
-
-def rows(events):
-    return list(zip(*(getattr(events, name).tolist() for name in "xytp"), strict=True))
-
 
 def split(twin, events):
     """Apply a twin to the events of either polarity."""
     return [twin([e for e in rows(events) if e[3] == on]) for on in (False, True)]
-
-
-def size(events):
-    return events.width, events.height
 
 
 @given(streams(), st.integers(0, 100_000), st.sampled_from([0.03, 0.0007, 5.0]))
@@ -251,90 +218,6 @@ def test_the_largest_times_do_not_overflow():
     assert tos_ts(events).tolist() == [[0, 255], [0, 0]]
     assert tos_ts(events, tau=1e6, ts_threshold=1e-300)[0].tolist() == [254, 255]
     assert dist(events)[1, 0, 0] == 0
-
-
-def test_events_after_the_time_do_not_count():
-    events = Events.from_arrays([0, 1], [0, 0], [100, 101], [1, 1], 2, 1)
-    assert tos(events, 100).tolist() == [[255, 0]]
-    assert tos(events, 99).tolist() == [[0, 0]]
-
-
-def test_reset_forgets():
-    events = random_events(10, 10, 100, 4, 10)
-    for kind in CLASSES:
-        surface = kind(10, 10)
-        empty = surface.render()
-        surface.update(events)
-        assert surface.render().any()
-        surface.reset()
-        np.testing.assert_array_equal(surface.render(), empty)
-        surface.update(events)
-
-
-@pytest.mark.parametrize("kind", CLASSES)
-def test_a_rendered_image_is_not_changed_by_later_events(kind):
-    events = random_events(10, 10, 100, 4, 10)
-    surface = kind(10, 10)
-    surface.update(events[:50])
-    image = surface.render()
-    copy = image.copy()
-    surface.update(events[50:])
-    np.testing.assert_array_equal(image, copy)
-
-
-@pytest.mark.parametrize("kind", CLASSES)
-def test_surfaces_refuse_what_does_not_fit(kind):
-    events = random_events(10, 10, 100, 4, 10)
-    surface = kind(10, 10)
-    surface.update(events)
-    before = surface.render()
-    with pytest.raises(InputError, match="order of time"):
-        surface.update(events)
-    with pytest.raises(InputError, match="do not fit a surface"):
-        surface.update(Events.empty(10, 9))
-    with pytest.raises(InputError, match="the past is gone"):
-        surface.render(int(events.t[-1]) - 1)
-    with pytest.raises(InputError, match="whole microseconds"):
-        surface.render(0.5)
-    with pytest.raises(InputError, match="must be Events"):
-        surface.update([1, 2, 3])
-    np.testing.assert_array_equal(surface.render(), before)
-    with pytest.raises(InputError, match="polarity must be one of"):
-        kind(10, 10, polarity="both")
-    with pytest.raises(InputError, match="width"):
-        kind(0, 10)
-
-
-@pytest.mark.parametrize(
-    ("kind", "options", "message"),
-    [
-        (TimeSurface, {"tau": 0}, "tau"),
-        (TimeSurface, {"tau": math.nan}, "tau"),
-        (TimeSurface, {"tau": 1e-320}, "tau"),
-        (Tos, {"k": 6}, "odd"),
-        (Tos, {"k": 33}, "k must be"),
-        (Tos, {"k": 7.0}, "k must be"),
-        (Tos, {"threshold": 255}, "threshold"),
-        (Tos, {"threshold": 0}, "threshold"),
-        (Silc, {"r": 16}, "r must be"),
-        (Dist, {"alpha": -1}, "alpha"),
-        (Dist, {"patch": 4}, "odd"),
-        (Dist, {"clip": 1.5}, "clip"),
-        (TosTs, {"ts_threshold": 1}, "ts_threshold"),
-        (TosTs, {"ts_threshold": math.nan}, "ts_threshold"),
-    ],
-)
-def test_options_are_checked(kind, options, message):
-    with pytest.raises(InputError, match=message):
-        kind(10, 10, **options)
-
-
-@pytest.mark.parametrize("function", [time_surface, tos, silc, dist, tos_ts])
-def test_an_empty_stream_has_an_image_only_at_a_given_time(function):
-    nothing = Events.empty(4, 3)
-    with pytest.raises(InputError, match="no events"):
-        function(nothing)
-    assert not function(nothing, 5).any()
 
 
 BASELINE = """
