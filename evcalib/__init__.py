@@ -15,3 +15,51 @@ Conventions, the same everywhere in the package:
 The method is that of Li et al., "Spatio-Temporal Calibration for Omni-Directional
 Vehicle-Mounted Event Cameras", IEEE RA-L 9(3), 2024, doi 10.1109/LRA.2024.3355765.
 """
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from evcalib.calibration import Calibration, align
+    from evcalib.camera import Camera
+    from evcalib.errors import EvcalibError, InputError
+    from evcalib.events import Events
+    from evcalib.heading import estimate_headings
+    from evcalib.series import HeadingSeries, VelocitySeries
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "Calibration",
+    "Camera",
+    "EvcalibError",
+    "Events",
+    "HeadingSeries",
+    "InputError",
+    "VelocitySeries",
+    "align",
+    "estimate_headings",
+]
+
+_HOMES = {
+    "Calibration": "calibration",
+    "Camera": "camera",
+    "EvcalibError": "errors",
+    "Events": "events",
+    "HeadingSeries": "series",
+    "InputError": "errors",
+    "VelocitySeries": "series",
+    "align": "calibration",
+    "estimate_headings": "heading",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name when it is first used, so that ``import evcalib`` stays quick."""
+    if name not in _HOMES:
+        raise AttributeError(f"module 'evcalib' has no attribute {name!r}")
+    return getattr(import_module(f"evcalib.{_HOMES[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -56,3 +56,41 @@ def unit(v: ArrayLike) -> Floats:
     """Return vectors along the last axis scaled to length 1."""
     v = np.asarray(v, dtype=np.float64)
     return v / np.linalg.norm(v, axis=-1, keepdims=True)
+
+
+def matrix_to_quaternion(R: ArrayLike) -> Floats:
+    """Return the unit quaternion (w, x, y, z), w >= 0, of a rotation matrix."""
+    m = np.asarray(R, dtype=np.float64)
+    # The largest of the four squares is taken as the pivot (Shepperd 1978).
+    squares = np.array([np.trace(m), m[0, 0], m[1, 1], m[2, 2]])
+    pivot = int(np.argmax(squares))
+    if pivot == 0:
+        q = [1 + squares[0], m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]]
+    else:
+        i = pivot - 1
+        j, k = (i + 1) % 3, (i + 2) % 3
+        q = [0.0] * 4
+        q[0] = m[k, j] - m[j, k]
+        q[1 + i] = 1 + m[i, i] - m[j, j] - m[k, k]
+        q[1 + j] = m[j, i] + m[i, j]
+        q[1 + k] = m[k, i] + m[i, k]
+    out = unit(q)
+    return -out if out[0] < 0 else out
+
+
+def matrix_to_rpy(R: ArrayLike) -> Floats:
+    """Return roll, pitch, yaw [rad] with R = Rz(yaw) Ry(pitch) Rx(roll); yaw is 0 at the poles."""
+    m = np.asarray(R, dtype=np.float64)
+    level = np.hypot(m[0, 0], m[1, 0])
+    pitch = np.arctan2(-m[2, 0], level)
+    if level < 1e-9:
+        return np.array([np.arctan2(-np.sign(m[2, 0]) * m[0, 1], m[1, 1]), pitch, 0.0])
+    return np.array([np.arctan2(m[2, 1], m[2, 2]), pitch, np.arctan2(m[1, 0], m[0, 0])])
+
+
+def rpy_to_matrix(rpy: ArrayLike) -> Floats:
+    """Return R = Rz(yaw) Ry(pitch) Rx(roll) of roll, pitch, yaw [rad]."""
+    roll, pitch, yaw = np.asarray(rpy, dtype=np.float64)
+    x = rotation_vector_to_matrix([roll, 0, 0])
+    y = rotation_vector_to_matrix([0, pitch, 0])
+    return rotation_vector_to_matrix([0, 0, yaw]) @ y @ x

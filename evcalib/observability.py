@@ -23,7 +23,7 @@ BLOCK = 0.5
 RATE_GATE = 3.0
 """Standard deviations by which the heading rate must vary for the offset to be observable."""
 
-FOLLOW_GATE = 2.0
+FOLLOW_GATE = 3.0
 """Standard errors by which the headings must prefer the track to one that turns steadily."""
 
 HEADING_BIAS = np.radians(0.75)
@@ -131,7 +131,7 @@ def _fit_rate(
     rows[:, 1, 0], rows[:, 1, 2] = -middle[:, 2], middle[:, 0]
     rows[:, 2, 0], rows[:, 2, 1] = middle[:, 1], -middle[:, 0]
     rate, *_ = np.linalg.lstsq(rows.reshape(-1, 3), turn.ravel(), rcond=1e-9)
-    return rate, float(np.sum((turn - rows @ rate) ** 2)), step
+    return np.asarray(rate, dtype=np.float64), float(np.sum((turn - rows @ rate) ** 2)), step
 
 
 def _turn(v: Floats, axis: Floats, angle: Floats) -> Floats:

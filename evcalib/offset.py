@@ -77,7 +77,7 @@ def candidate_offsets(max_offset: float, step: float = STEP) -> Floats:
     """Return offsets [s] from -max_offset to max_offset, zero included."""
     _check.positive(max_offset, "max_offset", "seconds")
     count = int(np.floor(max_offset / _check.positive(step, "step", "seconds") + 1e-9))
-    return np.arange(-count, count + 1) * step
+    return np.arange(-count, count + 1, dtype=np.float64) * step
 
 
 def find_offset(
@@ -133,8 +133,16 @@ def find_offset(
 
 
 def weights(headings: HeadingSeries) -> Floats:
-    """Return the weight of each heading, 1 where none is given."""
-    return np.ones(len(headings)) if headings.weight is None else headings.weight
+    """Return the weight of each heading: as given, else from its standard deviation, else 1.
+
+    The scatter that all headings share is taken to be as large as the median standard deviation.
+    """
+    if headings.weight is not None:
+        return headings.weight
+    if headings.sd is None or not headings.sd.any():
+        return np.ones(len(headings))
+    shared = float(np.median(headings.sd[headings.sd > 0]))
+    return 2 * shared**2 / (headings.sd**2 + shared**2)
 
 
 def no_overlap(headings: HeadingSeries, track: VelocityTrack, max_offset: float) -> str:

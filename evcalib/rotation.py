@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -150,7 +151,7 @@ def _l1(e: Floats, d: Floats, w: Floats, floor: float = 1e-3) -> RotationEstimat
     """Iterate w_i = 1 / max(floor, |d - R e|): the paper's Eq. 12, by re-weighting."""
 
     def reweight(u: Floats) -> Floats:
-        return 1.0 / np.maximum(floor, np.sqrt(2 * u))
+        return np.asarray(1.0 / np.maximum(floor, np.sqrt(2 * u)))
 
     return _iterate(e, d, w, kabsch(e, d, w), reweight)
 
@@ -158,9 +159,11 @@ def _l1(e: Floats, d: Floats, w: Floats, floor: float = 1e-3) -> RotationEstimat
 def _tukey(e: Floats, d: Floats, w: Floats) -> RotationEstimate:
     start = _l1(e, d, w)
     reach = tukey_reach(fit_mixture(misfits(e, d, start.R_body_cam), w).sigma)
-    return _iterate(
-        e, d, w, start.R_body_cam, lambda u: np.maximum(0.0, 1.0 - u / reach) ** 2, start.iterations
-    )
+
+    def biweight(u: Floats) -> Floats:
+        return np.asarray(np.maximum(0.0, 1.0 - u / reach) ** 2)
+
+    return _iterate(e, d, w, start.R_body_cam, biweight, start.iterations)
 
 
 def tukey_reach(sigma: float) -> float:
@@ -191,7 +194,7 @@ def _gnc(e: Floats, d: Floats, w: Floats) -> RotationEstimate:
             break
         mu *= 1.4
     inlying = max(float(weights.sum()), 1e-12)
-    sigma = float(np.sqrt(max(0.5 * (weights @ square) / inlying, MIN_SIGMA**2)))
+    sigma = float(np.sqrt(max(0.5 * float(weights @ square) / inlying, MIN_SIGMA**2)))
     return RotationEstimate(R, weights, sigma, iterations < 200, iterations)
 
 
@@ -206,7 +209,15 @@ def _cca(e: Floats, d: Floats, w: Floats) -> RotationEstimate:
     return RotationEstimate(R, w, sigma, True, 1)
 
 
-def _iterate(e, d, w, R, reweight, done: int = 0, limit: int = 100):  # type: ignore[no-untyped-def]
+def _iterate(
+    e: Floats,
+    d: Floats,
+    w: Floats,
+    R: Floats,
+    reweight: Callable[[Floats], Floats],
+    done: int = 0,
+    limit: int = 100,
+) -> RotationEstimate:
     """Re-weight and register until the rotation moves by less than 1e-10 rad."""
     weights, moved, step = w, np.inf, 0
     while moved >= 1e-10 and step < limit:

@@ -149,14 +149,18 @@ def rebuilt(track: VelocityTrack, v: Floats) -> VelocityTrack:
 def white_noise(v: Floats, segment: NDArray[np.int64], lag: int = 1) -> Floats:
     """Return the standard deviation of white noise per axis, from second differences.
 
-    The median of their absolute values is used, so that turns and outliers do not count.  `lag` is
-    the distance of the differences in samples.
+    Differences beyond three times their median-based scale, turns and outliers, do not count.
+    `lag` is the distance of the differences in samples.
     """
     whole = segment[2 * lag :] == segment[: -2 * lag]
     second = (v[2 * lag :] - 2 * v[lag:-lag] + v[: -2 * lag])[whole]
     if len(second) < 8:
         return np.zeros(v.shape[1])
-    return np.median(np.abs(second), axis=0) / (0.6745 * np.sqrt(6.0))
+    rough = np.median(np.abs(second), axis=0) / 0.6745
+    inside = np.abs(second) <= 3 * rough
+    square = np.sum(np.where(inside, second, 0.0) ** 2, axis=0) / np.maximum(inside.sum(axis=0), 1)
+    # A normal variable cut off at three standard deviations keeps 97.33 % of its variance.
+    return np.sqrt(square / (0.9733 * 6.0))
 
 
 def intervals(headings: HeadingSeries) -> tuple[Floats, Floats]:

@@ -184,7 +184,7 @@ def t_quantile(samples: float, probability: float = 0.95) -> float:
 
 
 def _pseudo_inverse(A: Floats) -> Floats:
-    return np.linalg.pinv(A, rcond=1e-10, hermitian=True)
+    return np.asarray(np.linalg.pinv(A, rcond=1e-10, hermitian=True), dtype=np.float64)
 
 
 def _sandwich(A: Floats, B: Floats) -> Floats:
