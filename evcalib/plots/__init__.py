@@ -5,6 +5,6 @@ nothing.
 """
 
 from evcalib.plots import style
-from evcalib.plots.kinematics import draw_motion, draw_velocity_log
+from evcalib.plots.kinematics import draw_motion, draw_velocity_log, explain_motion
 
-__all__ = ["draw_motion", "draw_velocity_log", "style"]
+__all__ = ["draw_motion", "draw_velocity_log", "explain_motion", "style"]

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
 from numpy.typing import NDArray
@@ -19,14 +21,12 @@ MIN_ARROW = 0.01
 """Shorter arrows [m] are not drawn."""
 
 
-def draw_motion(
-    ax: Axes, vehicle: Vehicle, states: WheelStates, *, row: int = 0, legend: bool = True
-) -> None:
+def draw_motion(ax: Axes, vehicle: Vehicle, states: WheelStates, *, row: int = 0) -> None:
     """Draw a vehicle from above: what its wheels measure and the motion that explains it.
 
     Forward is up and left is left.  Arrows show the way of 0.3 s: orange what each wheel
-    measures, blue the body (and, thin, what the body's motion means for each wheel), purple the
-    slip between the two.  A blue cross marks the point about which the body turns.
+    measures, blue the body (and, thin, what the body's motion means for each wheel), a purple
+    bar is the slip between the two.  A blue cross marks the point about which the body turns.
 
     Parameters
     ----------
@@ -38,8 +38,10 @@ def draw_motion(
         States of its wheels.
     row : int
         Which row of the states to draw.
-    legend : bool
-        Whether to explain the arrows.
+
+    See Also
+    --------
+    explain_motion : puts the legend below the figure.
     """
     one = WheelStates(
         states.speed[row : row + 1], None if states.steer is None else states.steer[row : row + 1]
@@ -53,12 +55,24 @@ def draw_motion(
     for place, is_, should in zip(positions, measured, implied, strict=True):
         _arrow(ax, place, place + SECONDS * should, style.BODY, width=1.0)
         _arrow(ax, place, place + SECONDS * is_, style.MEASURED)
-        _arrow(ax, place + SECONDS * should, place + SECONDS * is_, style.OUTLIER, width=2.5)
+        _bar(ax, place + SECONDS * should, place + SECONDS * is_)
     _arrow(ax, np.zeros(2), SECONDS * twist.v[0], style.BODY, width=3.0)
     _draw_turning_point(ax, twist.v[0], float(twist.yaw_rate[0]), 2.2 * size)
     _frame(ax, 2.2 * size)
-    if legend:
-        _legend(ax)
+
+
+def explain_motion(figure: Figure) -> None:
+    """Put the legend of `draw_motion` below all panels of a figure."""
+    looks: dict[str, Any] = {
+        "measured by a wheel": {"color": style.MEASURED, "lw": 2},
+        "velocity of the body": {"color": style.BODY, "lw": 3},
+        "the body's motion at a wheel": {"color": style.BODY, "lw": 1},
+        "slip": {"color": style.OUTLIER, "lw": 4},
+        "centre of rotation": {"color": style.BODY, "marker": "X", "ls": "", "ms": 8},
+    }
+    handles = [Line2D([], [], label=name, **look) for name, look in looks.items()]
+    columns = 5 if figure.get_figwidth() > style.WIDE[0] - 1 else 2
+    figure.legend(handles=handles, loc="outside lower center", ncols=columns)
 
 
 def draw_velocity_log(axes: Sequence[Axes], result: BodyVelocities) -> None:
@@ -130,6 +144,11 @@ def _arrow(
     ax.annotate("", xy=tip, xytext=tail, arrowprops=look, zorder=5)
 
 
+def _bar(ax: Axes, start: NDArray[np.float64], end: NDArray[np.float64]) -> None:
+    if np.hypot(*(end - start)) >= MIN_ARROW:
+        ax.plot(*_on_page(np.stack([start, end])).T, color=style.OUTLIER, lw=4, zorder=6)
+
+
 def _draw_turning_point(ax: Axes, v: NDArray[np.float64], yaw_rate: float, reach: float) -> None:
     if abs(yaw_rate) * reach <= np.hypot(*v):
         return
@@ -141,15 +160,3 @@ def _frame(ax: Axes, reach: float) -> None:
     ax.set_ylim(-reach, reach)
     ax.set_aspect("equal")
     style.label(ax, "body y, to the left [m]", "body x, forward [m]")
-
-
-def _legend(ax: Axes) -> None:
-    looks = {
-        "measured by a wheel": {"color": style.MEASURED, "lw": 2},
-        "body": {"color": style.BODY, "lw": 3},
-        "body, at the wheel": {"color": style.BODY, "lw": 1},
-        "slip": {"color": style.OUTLIER, "lw": 2.5},
-        "turns about": {"color": style.BODY, "marker": "X", "ls": "", "ms": 8},
-    }
-    handles = [Line2D([], [], label=name, **look) for name, look in looks.items()]  # type: ignore[arg-type]
-    ax.legend(handles=handles, loc="upper left", fontsize=7.5)
