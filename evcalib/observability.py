@@ -23,7 +23,7 @@ BLOCK = 0.5
 RATE_GATE = 3.0
 """Standard deviations by which the heading rate must vary for the offset to be observable."""
 
-FOLLOW_GATE = 3.0
+FOLLOW_GATE = 2.0
 """Standard errors by which the headings must prefer the track to one that turns steadily."""
 
 HEADING_BIAS = np.radians(0.75)
