@@ -64,8 +64,8 @@ class Keyframe:
     ----------
     number : int
         The time in steps.
-    t : float
-        Time [s].
+    t, since : float
+        Time, and that from which on corner events were gathered [s].
     keypoints : Keypoints
         What was found.
     bearings : ndarray, shape (n, 3)
@@ -78,6 +78,7 @@ class Keyframe:
 
     number: int
     t: float
+    since: float
     keypoints: Keypoints
     bearings: Floats
     flow: float
@@ -128,6 +129,11 @@ class KeyframeMaker:
         """Time from the first to the last event [s]."""
         return 1e-6 * (self._end_us - self._start_us)
 
+    @property
+    def passed(self) -> int:
+        """Multiples of the step that the stream has passed, silence included."""
+        return self._end_us // self._step_us - self._start_us // self._step_us
+
     def update(self, events: Events) -> Iterator[Keyframe]:
         """Take in the next events and yield the keyframes that they complete."""
         if not isinstance(events, Events):
@@ -152,9 +158,11 @@ class KeyframeMaker:
             return
         flags = self._detector.update(events)
         self._surface.update(events)
-        self._corners.append(events[flags])
+        corners = events[flags]
+        if len(corners):
+            self._corners.append(corners)
         self._end_us = int(events.t[-1])
-        self._count(events=len(events), corners=len(self._corners[-1]))
+        self._count(events=len(events), corners=len(corners))
 
     def _skip(self, t_us: int) -> None:
         """Leave out the keyframes of a silence in which all corners were forgotten."""
@@ -168,7 +176,9 @@ class KeyframeMaker:
     def _make(self) -> Keyframe:
         t_us = self._next * self._step_us
         flow = float(np.median(self._flows)) if self._flows else 0.0
-        keypoints = self._finder.find(self._surface.render(t_us), self._gather(t_us, flow))
+        since_us = t_us - int(1e6 * _gathering_time(flow))
+        corners = self._gather(since_us, t_us)
+        keypoints = self._finder.find(self._surface.render(t_us), corners)
         bearings = self._bearings(keypoints.xy)
         seen = np.isfinite(bearings[:, 0])
         if not seen.all():
@@ -181,23 +191,28 @@ class KeyframeMaker:
             surplus=keypoints.surplus,
             unseen=int((~seen).sum()),
         )
-        keyframe = Keyframe(self._next, 1e-6 * t_us, keypoints, bearings, flow, self._camera.width)
+        keyframe = Keyframe(
+            number=self._next,
+            t=1e-6 * t_us,
+            since=1e-6 * since_us,
+            keypoints=keypoints,
+            bearings=bearings,
+            flow=flow,
+            width=self._camera.width,
+        )
         self._recent.append(keyframe)
         self._measure_flow()
         self._next += 1
         return replace(keyframe, flow=float(np.median(self._flows)) if self._flows else 0.0)
 
-    def _gather(self, t_us: int, flow: float) -> Events:
-        """Return the corner events of the time in which a corner moves by its radius."""
+    def _gather(self, since_us: int, t_us: int) -> Events:
+        """Return the corner events between two times and forget those of long ago."""
         oldest = t_us - int(1e6 * LONGEST)
-        while len(self._corners) > 1 and (
-            not len(self._corners[0]) or self._corners[0].t[-1] < oldest
-        ):
+        while self._corners and self._corners[0].t[-1] < oldest:
             self._corners.popleft()
-        time = min(max(REACH_PX / flow, SHORTEST), LONGEST) if flow > 0 else 0.5 * LONGEST
         if not self._corners:
             return Events.empty(self._camera.width, self._camera.height)
-        return Events.concatenate(list(self._corners)).between(t_us - int(1e6 * time), t_us)
+        return Events.concatenate(list(self._corners)).between(since_us, t_us)
 
     def _measure_flow(self) -> None:
         """Note the median speed of the matches with the keyframe two before."""
@@ -213,3 +228,10 @@ class KeyframeMaker:
     def _count(self, **more: int) -> None:
         counts = self.counts
         self.counts = replace(counts, **{k: getattr(counts, k) + v for k, v in more.items()})
+
+
+def _gathering_time(flow: float) -> float:
+    """Return the time [s] in which a corner moves by the radius of a keypoint."""
+    if flow <= 0:
+        return 0.5 * LONGEST
+    return min(max(REACH_PX / flow, SHORTEST), LONGEST)

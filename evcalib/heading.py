@@ -187,7 +187,7 @@ class HeadingEstimator:
         counts = self._maker.counts
         if not counts.events:
             raise InputError("the stream holds no events")
-        if counts.keyframes < 2:
+        if self._maker.passed < 2:
             raise InputError(
                 f"the stream of {self._maker.duration:.3f} s is shorter than one baseline: it must"
                 f" span two keyframes ({2 * self._maker.step:.3f} s); raise the rate or record"
@@ -256,7 +256,9 @@ class HeadingEstimator:
         return found
 
     def _match(self, before: Keyframe, after: Keyframe) -> Matches | None:
-        """Match two keyframes, unless the typical corner left the reach in between."""
+        """Match two keyframes, unless they share events or the corners left the reach."""
+        if before.t > after.since:
+            return None
         expected = 0.5 * (before.flow + after.flow) * (after.t - before.t)
         if expected > self._reach:
             return None
@@ -340,6 +342,8 @@ def estimate_headings(
         seed=seed,
         keep_correspondences=keep_correspondences,
     )
+    if not isinstance(events, Events | Iterable):
+        raise InputError(f"Events or pieces of them are needed, not {type(events).__name__}")
     for piece in [events] if isinstance(events, Events) else events:
         estimator.update(piece)
     return estimator.finish()

@@ -117,11 +117,10 @@ def test_the_pattern_is_documented_and_fixed():
 
 
 @pytest.mark.parametrize("seed", range(5))
-@pytest.mark.parametrize("words", [1, 4])
-def test_matches_equal_opencv_with_cross_check(seed, words):
-    first = random_keypoints(seed, 90, words=words)
-    second = random_keypoints(seed + 100, 110, near=first.bits, words=words)
-    found = match(first, second, farthest=64 * words)
+def test_matches_equal_opencv_with_cross_check(seed):
+    first = random_keypoints(seed, 90)
+    second = random_keypoints(seed + 100, 110, near=first.bits)
+    found = match(first, second, farthest=256)
     expected = []
     for polarity in (False, True):
         rows = [np.flatnonzero(k.p == polarity) for k in (first, second)]
@@ -131,11 +130,8 @@ def test_matches_equal_opencv_with_cross_check(seed, words):
         ]
         matcher = cv2.BFMatcher(cv2.NORM_HAMMING, crossCheck=True)
         expected += [(rows[0][m.queryIdx], rows[1][m.trainIdx]) for m in matcher.match(*sides)]
-    if words == 4:
-        assert found.tolist() == [list(map(int, pair)) for pair in sorted(expected)]
-    distances = np.bitwise_count(first.bits[found[:, 0]] ^ second.bits[found[:, 1]]).sum(axis=1)
+    assert found.tolist() == [list(map(int, pair)) for pair in sorted(expected)]
     assert len(found) > 20
-    assert distances.max() < 32 * words
 
 
 def plain_match(first, second, reach, farthest):
