@@ -150,55 +150,55 @@ def fit(matches: Matches, options: FitOptions) -> Fit | str:
     longer = matches.span >= np.median(matches.span)
     if np.median(matches.shift[longer]) < STILL_PX:
         return STILL
-    rows = np.arange(len(matches))
+    rows = np.ones(len(matches), dtype=np.bool_)
     if options.solver == "five_point":
-        rows = rows[_one_pair(matches)]
-    translation = _solve(matches[rows], options)
+        rows = _one_pair(matches)
+    translation = _solve(matches, rows, options)
     if translation is None:
         return DISAGREE
     kept = _surviving(matches.pair[rows], translation.inliers)
     if not kept.all():
-        rows = rows[kept]
-        translation = _solve(matches[rows], options)
+        rows[rows] = kept
+        translation = _solve(matches, rows, options)
         if translation is None:
             return DISAGREE
-    used = matches[rows]
-    reason = _objection(used, translation, options)
+    reason = _objection(matches, rows, translation, options)
     if reason:
         return reason
-    inliers = np.zeros(len(matches), dtype=np.bool_)
+    inliers = rows.copy()
     inliers[rows] = translation.inliers
-    return Fit(translation, inliers, *_mean_times(matches[inliers]))
+    return Fit(translation, inliers, *_mean_times(matches, inliers))
 
 
-def _solve(matches: Matches, options: FitOptions) -> Translation | None:
-    solver = _SOLVERS[options.solver]
-    return solver(
-        matches.r1,
-        matches.r2,
+def _solve(matches: Matches, rows: NDArray[np.bool_], options: FitOptions) -> Translation | None:
+    return _SOLVERS[options.solver](
+        matches.r1[rows],
+        matches.r2[rows],
         threshold=options.threshold,
         seed=options.seed,
-        groups=matches.cell,
+        groups=matches.cell[rows],
     )
 
 
-def _objection(matches: Matches, translation: Translation, options: FitOptions) -> str | None:
-    """Return what speaks against a heading."""
-    inliers = translation.inliers
-    if inliers.sum() < options.min_inliers or np.unique(matches.cell[inliers]).size < CELLS:
+def _objection(
+    matches: Matches, rows: NDArray[np.bool_], translation: Translation, options: FitOptions
+) -> str | None:
+    """Return what speaks against a heading that was fitted to some rows."""
+    inliers, cell, span = translation.inliers, matches.cell[rows], matches.span[rows]
+    if inliers.sum() < options.min_inliers or np.count_nonzero(np.bincount(cell[inliers])) < CELLS:
         return TOO_FEW
     if inliers.mean() < SHARE:
         return DISAGREE
     # Parallax grows with the span, and so does the evidence against a turn.
-    long = matches.span >= np.median(matches.span)
-    some = matches[long]
+    long = span >= np.median(span)
+    some = np.flatnonzero(rows)[long]
     if turn_explains(
-        some.r1,
-        some.r2,
-        some.t2 - some.t1,
+        matches.r1[some],
+        matches.r2[some],
+        matches.t2[some] - matches.t1[some],
         translation.select(long),
         seed=options.seed,
-        groups=some.cell,
+        groups=cell[long],
     ):
         return NO_PARALLAX
     if not translation.sd <= options.max_sd:
@@ -230,8 +230,8 @@ def _numbered(pair: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.cumsum(np.append(0, pair[1:] != pair[:-1]))
 
 
-def _mean_times(inliers: Matches) -> tuple[float, float, float]:
+def _mean_times(matches: Matches, rows: NDArray[np.bool_]) -> tuple[float, float, float]:
     """Return mean time, mean start and mean end, each match weighted by its information."""
-    weight = inliers.shift**2
-    start, end = (float(np.average(t, weights=weight)) for t in (inliers.t1, inliers.t2))
+    weight = matches.shift[rows] ** 2
+    start, end = (float(np.average(t[rows], weights=weight)) for t in (matches.t1, matches.t2))
     return 0.5 * (start + end), start, end

@@ -260,5 +260,5 @@ def turn_explains(
     cost_of_turn = np.minimum(of_turn[either] / variance, 4.0)
     cost_of_translation = np.minimum(translation.residuals[some][either] ** 2 / variance, 2.0)
     gain = cost_of_turn - cost_of_translation
-    error = gain.std() / np.sqrt(np.unique(groups[some][either]).size)
+    error = gain.std() / np.sqrt(np.count_nonzero(np.bincount(groups[some][either])))
     return float(gain.mean()) <= NEUTRAL_GAIN + 2.0 * error

@@ -129,8 +129,11 @@ class KeypointFinder:
         if self._pattern.ndim != 2 or self._pattern.shape[1] != 4 or len(self._pattern) % 64:
             raise InputError(f"pattern must have shape (64 m, 4), not {self._pattern.shape}")
         self._margin = int(np.abs(self._pattern).max())
-        self._reach, self._support, self._most, self._smooth = reach, support, most, smooth
-        self._owner = np.full((2, height, width), -1, dtype=np.int32)
+        self._support, self._most, self._smooth = support, most, smooth
+        square = np.mgrid[-reach : reach + 1, -reach : reach + 1].reshape(2, -1).T
+        self._disc = square[(square**2).sum(axis=1) <= reach**2]
+        self._owner = np.full((2, height, width), -1)
+        self._first = 0
 
     def find(self, surface: NDArray, corners: Events) -> Keypoints:
         """Return the keypoints of corner events, described on a surface.
@@ -149,7 +152,9 @@ class KeypointFinder:
             )
         sums = np.empty((len(corners), 5))
         columns = (corners.x, corners.y, corners.t, corners.p)
-        sums = sums[: kernels.gather_corners(columns, self._owner, self._reach, sums)]
+        count = kernels.gather_corners(columns, self._owner, self._first, self._disc, sums)
+        self._first += count
+        sums = sums[:count]
         strong = sums[sums[:, 3] >= self._support]
         most = np.argsort(-strong[:, 3], kind="stable")[: self._most]
         kept = strong[most]

@@ -12,55 +12,46 @@ _ONE, _TWO, _FOUR, _TOP = np.uint64(1), np.uint64(2), np.uint64(4), np.uint64(56
 
 
 @jit
-def gather_corners(events, owner, reach, sums):
+def gather_corners(events, owner, first, disc, sums):
     """Gather corner events into keypoints, newest first; return the number of keypoints.
 
-    The newest event that no keypoint of its polarity owns founds one, which then owns the disc of
-    radius `reach` around it; every other event adds to its owner.
+    The newest event that no keypoint of its polarity owns founds one, which then owns the disc
+    around it as far as it is free; every other event adds to its owner.
 
     Parameters
     ----------
     events : tuple of x, y, t, p
         Columns of the corner events, ascending in time.
-    owner : ndarray of int32, shape (2, height, width)
-        All -1, and left so.
-    reach : int
-        Radius of a keypoint [px].
+    owner : ndarray of int64, shape (2, height, width)
+        Number of each pixel's owner; those below `first` are of calls before and count as none.
+    first : int
+        Number of the first keypoint.
+    disc : ndarray of int64, shape (m, 2)
+        The pixels of a keypoint, as steps dx, dy.
     sums : ndarray of float64, shape (n, 5)
         Output, room for one keypoint per event: sums of x, y and t, number of events, polarity.
     """
     xs, ys, ts, ps = events
     _, height, width = owner.shape
     found = 0
-    newest = np.empty((xs.size, 3), dtype=np.int64)
     for i in range(xs.size - 1, -1, -1):
         x, y, p = np.int64(xs[i]), np.int64(ys[i]), np.int64(ps[i])
-        k = owner[p, y, x]
+        k = owner[p, y, x] - first
         if k < 0:
             k = found
             found += 1
-            _paint(owner[p], x, y, reach, -1, k)
-            newest[k] = (x, y, p)
+            for step in range(len(disc)):
+                col, row = x + disc[step, 0], y + disc[step, 1]
+                inside = 0 <= col < width and 0 <= row < height
+                if inside and owner[p, row, col] < first:
+                    owner[p, row, col] = first + k
             sums[k] = 0.0
             sums[k, 4] = p
         sums[k, 0] += x
         sums[k, 1] += y
         sums[k, 2] += ts[i]
         sums[k, 3] += 1.0
-    for k in range(found):
-        _paint(owner[newest[k, 2]], newest[k, 0], newest[k, 1], reach, k, -1)
     return found
-
-
-@jit
-def _paint(owner, x, y, reach, old, new):
-    """Give the pixels of a disc that belong to `old` to `new`."""
-    height, width = owner.shape
-    for row in range(max(y - reach, 0), min(y + reach + 1, height)):
-        for col in range(max(x - reach, 0), min(x + reach + 1, width)):
-            inside = (row - y) ** 2 + (col - x) ** 2 <= reach * reach
-            if inside and owner[row, col] == old:
-                owner[row, col] = new
 
 
 @jit
