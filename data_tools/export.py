@@ -84,7 +84,9 @@ def summary_dict(calibration: Calibration) -> dict[str, Any]:
 
 def write_calibration(path: str | Path, calibration: Calibration) -> None:
     """Write ``calibration.yaml``."""
-    text = yaml.safe_dump(summary_dict(calibration), sort_keys=False, width=100, allow_unicode=True)
+    text = yaml.safe_dump(
+        summary_dict(calibration), sort_keys=False, width=100, default_flow_style=None
+    )
     Path(path).write_text(text, encoding="utf-8")
 
 

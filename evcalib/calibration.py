@@ -18,6 +18,7 @@ from evcalib.observability import (
     MAX_ROTATION_SD,
     RATE_GATE,
     DirectionSpread,
+    coloured_noise,
     direction_spread,
     heading_rate_test,
     steady_turning,
@@ -394,7 +395,9 @@ class _Solution:
         turned = part.v @ estimate.R_body_cam.T
         reach = np.inf if method in ("kabsch", "cca") else tukey_reach(mixture.sigma)
         rate = _direction_rate(track, part, d, offset, RATE_STEP)
-        covariance = uncertainty.joint_covariance(part.t, turned, d, rate, w, reach)
+        covariance = uncertainty.joint_covariance(
+            part.t, turned, d, rate, w, reach, _body_noise(track, part.t)
+        )
         angle = 2 * np.arcsin(np.sqrt(np.clip(u / 2, 0.0, 1.0)))
         residuals = Residuals(part.t, turned, d, angle, estimate.weight)
         return cls(estimate.R_body_cam, part.t, d, mixture, covariance, residuals)
@@ -403,6 +406,17 @@ class _Solution:
         """Return the covariance [rad^2] with the offset estimated along, or as given."""
         covariance = self.covariance
         return covariance.full[:3, :3] if offset_estimated else covariance.rotation_given_offset
+
+
+def _body_noise(track: VelocityTrack, t: Floats) -> Floats:
+    """Return what noise of the odometry adds per axis to a sum over headings at times `t`.
+
+    In such a sum, smoothing does not lessen the noise: what counts is its variance per time.
+    """
+    sigma, rho = coloured_noise(track.raw, track.segment)
+    speed = max(float(np.median(np.linalg.norm(track.v, axis=1))), 1e-12)
+    steps = float(np.median(np.diff(track.t)) / np.median(np.diff(t)))
+    return steps * (1 + rho) / (1 - rho) * (sigma / speed) ** 2
 
 
 def _direction_rate(

@@ -160,7 +160,10 @@ def _block_means(
     # Noise along the direction does not turn it.
     across = float(np.mean((1.0 - direction**2) @ sigma**2)) * (1 + rho) / (1 - rho)
     mean_t = np.add.reduceat(t, first) / count
-    return mean_t, direction, segment[first], across * float(np.median(count / length**2))
+    # A block cut short by a gap or an end is noisier than the others.
+    full = count >= 0.8 * np.median(count)
+    variance = across * float(np.mean((count / length**2)[full]))
+    return mean_t[full], direction[full], segment[first][full], variance
 
 
 def coloured_noise(v: Floats, segment: NDArray[np.int64]) -> tuple[Floats, float]:

@@ -113,7 +113,13 @@ class JointCovariance:
 
 
 def joint_covariance(
-    t: Floats, Re: Floats, d: Floats, rate: Floats, weight: Floats, reach: float
+    t: Floats,
+    Re: Floats,
+    d: Floats,
+    rate: Floats,
+    weight: Floats,
+    reach: float,
+    body_noise: Floats | None = None,
 ) -> JointCovariance:
     """Return the covariance of rotation and offset at the optimum of a Tukey loss.
 
@@ -121,6 +127,8 @@ def joint_covariance(
     frame) and a change of the offset move it by J_i = [-[d]_x, -d'] (with d in place of R e_i,
     which for an outlier points anywhere).  With psi = w r the covariance is A^-1 B A^-1, where
     A = kappa sum J^T J, kappa = mean(w + u w'), and B = var(psi) sum_ij corr(t_i - t_j) J_i^T J_j.
+    Smoothed noise of the odometry is too slow and small to show in the residuals, but adds up over
+    the headings: it gets a term of its own.
 
     Parameters
     ----------
@@ -134,6 +142,9 @@ def joint_covariance(
         Given weights of the headings, without the robust ones.
     reach : float
         Tukey's reach, as a misfit 1 - cos(angle); infinite for least squares.
+    body_noise : ndarray, shape (3,), optional
+        Variance per body axis that the noise of the odometry gives to the mean of n directions,
+        times n.
     """
     u = 0.5 * np.sum((Re - d) ** 2, axis=1)
     rest = np.maximum(0.0, 1.0 - u / reach)
@@ -155,6 +166,8 @@ def joint_covariance(
     # Four parameters were fitted to two numbers per independent heading.
     lost = max(1.0 - 2.0 / max(samples, 1e-12), 0.25)
     B = variance / lost * kernel.correlated_information(t, J, noise.share, noise.memory)
+    if body_noise is not None:
+        B = B + kappa**2 * np.einsum("ica,c,icb->ab", J, body_noise, J)
     return JointCovariance(
         full=_sandwich(A, B),
         rotation_given_offset=_sandwich(A[:3, :3], B[:3, :3]),

@@ -20,6 +20,13 @@ _NAMES = {
     "scalar": "correlation of turning rates",
 }
 
+_SIZES = {
+    "correlation": style.WIDE,
+    "directions": style.TALL,
+    "residuals": style.WIDE,
+    "sphere": style.SQUARE,
+}
+
 
 def draw_curve(
     ax: Axes,
@@ -64,7 +71,7 @@ def draw_directions(axes: Sequence[Axes], calibration: Calibration) -> None:
         t, line = _broken(residuals.t, body)
         ax.plot(t, line, color=style.BODY, label="body, shifted by the offset")
         style.label(ax, "camera time [s]" if ax is axes[-1] else "", f"{name} [deg]")
-    axes[0].legend(loc="upper right", ncols=3, markerscale=3)
+    _legend_above(axes[0])
 
 
 def draw_residuals(ax: Axes, calibration: Calibration) -> None:
@@ -82,7 +89,7 @@ def draw_residuals(ax: Axes, calibration: Calibration) -> None:
     )
     ax.set_ylim(bottom=0)
     style.label(ax, "camera time [s]", "residual angle [deg]")
-    ax.legend(loc="upper right", ncols=3, markerscale=3)
+    _legend_above(ax)
 
 
 def draw_sphere(ax: Axes3D, calibration: Calibration) -> None:
@@ -90,40 +97,55 @@ def draw_sphere(ax: Axes3D, calibration: Calibration) -> None:
     residuals, inlier = calibration.residuals, _inliers(calibration)
     u, v = np.mgrid[0 : 2 * np.pi : 25j, 0 : np.pi : 13j]
     x, y, z = np.cos(u) * np.sin(v), np.sin(u) * np.sin(v), np.cos(v)
-    ax.plot_wireframe(x, y, z, color=style.MUTED, lw=0.3, alpha=0.5)
-    for mask, color in ((~inlier, style.OUTLIER), (inlier, style.CAMERA)):
-        ax.scatter(*residuals.turned[mask].T, s=4, color=color, depthshade=False)
-    ax.scatter(*residuals.direction.T, s=6, color=style.BODY, depthshade=False)
-    ax.set_box_aspect((1, 1, 1))
-    ax.set_xlabel("x forward [-]")
-    ax.set_ylabel("y left [-]")
-    ax.set_zlabel("z up [-]")
+    ax.plot_wireframe(x, y, z, color=style.MUTED, lw=0.3, alpha=0.6, zorder=1)
+    for end, name in zip(np.eye(3) * 1.3, ("x forward", "y left", "z up"), strict=True):
+        ax.plot(*np.outer([0, 1], end).T, color=style.MUTED, lw=1, zorder=2)
+        ax.text(*end * 1.08, name, color=style.MUTED, ha="center", va="center")
+    for mask, color, name in (
+        (~inlier, style.OUTLIER, "outliers"),
+        (inlier, style.CAMERA, "camera, turned"),
+    ):
+        ax.scatter(
+            *residuals.turned[mask].T, s=4, color=color, depthshade=False, label=name, zorder=3
+        )
+    ax.scatter(
+        *residuals.direction.T, s=3, color=style.BODY, depthshade=False, label="body", zorder=4
+    )
+    ax.set_box_aspect((1, 1, 1), zoom=1.35)
+    ax.view_init(elev=35, azim=-50)
+    ax.set_axis_off()
+    ax.legend(loc="upper left", markerscale=3)
 
 
 def alignment_figures(calibration: Calibration, *, true: float | None = None) -> dict[str, Figure]:
     """Return the figures of an alignment by file name, without its ending."""
-    figures: dict[str, Figure] = {}
-    if calibration.curve is not None:
-        figures["correlation"] = style.new_figure(style.WIDE)
-        draw_curve(
-            figures["correlation"].subplots(),
-            calibration.curve,
-            found=calibration.offset if calibration.offset_observable else None,
-            interval=calibration.offset_interval,
-            true=true,
-        )
-    figures["directions"] = style.new_figure(style.TALL)
-    draw_directions(figures["directions"].subplots(2, 1, sharex=True), calibration)
-    figures["residuals"] = style.new_figure(style.WIDE)
-    draw_residuals(figures["residuals"].subplots(), calibration)
-    figures["sphere"] = style.new_figure(style.SQUARE)
-    draw_sphere(figures["sphere"].add_subplot(projection="3d"), calibration)
+    with style.context():
+        figures = {name: style.new_figure(size) for name, size in _SIZES.items()}
+        if calibration.curve is None:
+            del figures["correlation"]
+        else:
+            observable = calibration.offset_observable
+            draw_curve(
+                figures["correlation"].subplots(),
+                calibration.curve,
+                found=calibration.offset if observable else None,
+                interval=calibration.offset_interval,
+                true=true,
+            )
+        draw_directions(figures["directions"].subplots(2, 1, sharex=True), calibration)
+        draw_residuals(figures["residuals"].subplots(), calibration)
+        sphere = figures["sphere"].add_subplot(projection="3d", computed_zorder=False)
+        draw_sphere(sphere, calibration)
     return figures
 
 
 def _inliers(calibration: Calibration) -> np.ndarray:
     """Return which headings lie within three standard deviations."""
     return calibration.residuals.angle <= 3.0 * calibration.diagnostics.mixture.sigma
+
+
+def _legend_above(ax: Axes) -> None:
+    ax.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=3, markerscale=3, borderaxespad=0.2)
 
 
 def _azimuth(v: np.ndarray) -> np.ndarray:
