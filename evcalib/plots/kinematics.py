@@ -21,7 +21,9 @@ MIN_ARROW = 0.01
 """Shorter arrows [m] are not drawn."""
 
 
-def draw_motion(ax: Axes, vehicle: Vehicle, states: WheelStates, *, row: int = 0) -> None:
+def draw_motion(
+    ax: Axes, vehicle: Vehicle, states: WheelStates, *, row: int = 0, reach: float | None = None
+) -> None:
     """Draw a vehicle from above: what its wheels measure and the motion that explains it.
 
     Forward is up and left is left.  Arrows show the way of 0.3 s: orange what each wheel
@@ -38,6 +40,8 @@ def draw_motion(ax: Axes, vehicle: Vehicle, states: WheelStates, *, row: int = 0
         States of its wheels.
     row : int
         Which row of the states to draw.
+    reach : float, optional
+        Half the side of the picture [m]; as large as the drawing needs if not given.
 
     See Also
     --------
@@ -57,8 +61,11 @@ def draw_motion(ax: Axes, vehicle: Vehicle, states: WheelStates, *, row: int = 0
         _arrow(ax, place, place + SECONDS * is_, style.MEASURED)
         _bar(ax, place + SECONDS * should, place + SECONDS * is_)
     _arrow(ax, np.zeros(2), SECONDS * twist.v[0], style.BODY, width=3.0)
-    _draw_turning_point(ax, twist.v[0], float(twist.yaw_rate[0]), 2.2 * size)
-    _frame(ax, 2.2 * size)
+    if reach is None:
+        tips = np.concatenate([positions + SECONDS * measured, positions + SECONDS * implied])
+        reach = max(2.2 * size, 1.05 * float(np.abs(tips).max()))
+    _draw_turning_point(ax, twist.v[0], float(twist.yaw_rate[0]), reach)
+    _frame(ax, reach)
 
 
 def explain_motion(figure: Figure) -> None:
@@ -141,7 +148,7 @@ def _arrow(
     look = {"arrowstyle": "-|>", "color": color, "lw": width, "shrinkA": 0, "shrinkB": 0}
     look["mutation_scale"] = 6 + 2 * width
     tip, tail = (end[1], end[0]), (start[1], start[0])
-    ax.annotate("", xy=tip, xytext=tail, arrowprops=look, zorder=5)
+    ax.annotate("", xy=tip, xytext=tail, arrowprops=look, annotation_clip=False, zorder=5)
 
 
 def _bar(ax: Axes, start: NDArray[np.float64], end: NDArray[np.float64]) -> None:

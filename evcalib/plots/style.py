@@ -46,7 +46,7 @@ RC: Any = {
     "axes.spines.top": False,
     "axes.titlesize": 10,
     "figure.constrained_layout.use": True,
-    "figure.dpi": 90,
+    "figure.dpi": 80,
     "font.size": 9.5,
     "grid.alpha": 0.3,
     "legend.fontsize": 8.5,

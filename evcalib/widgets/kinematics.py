@@ -9,6 +9,7 @@ import numpy as np
 
 from evcalib.kinematics import BodyTwist, Swerve, WheelStates
 from evcalib.plots import draw_motion, explain_motion, style
+from evcalib.plots.kinematics import SECONDS
 
 MOTIONS = {
     "forward": (0.8, 0.0, 0.0),
@@ -24,10 +25,12 @@ _COLUMNS = ("", "v_x [m/s]", "v_y [m/s]", "yaw rate [rad/s]", "slip [m/s]")
 
 def draw_states(vehicle: Swerve, states: WheelStates) -> bytes:
     """Return the vehicle and its motion as a PNG picture."""
-    figure = style.new_figure((4.6, 5.2))
-    draw_motion(figure.add_subplot(), vehicle, states)
-    explain_motion(figure)
-    return style.png(figure)
+    reach = float(np.abs(vehicle.positions).max()) + 1.4 * SECONDS * MAX_SPEED
+    with style.context():
+        figure = style.new_figure((4.6, 5.2))
+        draw_motion(figure.add_subplot(), vehicle, states, reach=reach)
+        explain_motion(figure)
+        return style.png(figure)
 
 
 def table(vehicle: Swerve, states: WheelStates) -> str:

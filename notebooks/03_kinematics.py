@@ -1,0 +1,385 @@
+# %% [markdown]
+# # 3. Kinematics: from wheel states to the velocity of the body
+#
+# **For whom.** You have a vehicle that can drive in any direction, a log of its wheels, and no
+# background in robotics.
+#
+# **What you will learn.**
+#
+# 1. what one wheel tells about the motion of the whole body,
+# 2. how to combine all wheels, and what it means when they disagree (*slip*),
+# 3. when the short formula of the paper is right, and by how much it is wrong otherwise,
+# 4. that swerve, mecanum and omni wheels are one problem with three matrices,
+# 5. how to turn a real log into the velocity stream that the calibration needs.
+#
+# **Required knowledge.** Vectors in the plane, and least squares as an idea. **Time.** 25 minutes.
+#
+# **Where we are.** The calibration compares two streams of directions. The camera's was the matter
+# of notebook 2; this notebook makes the other one, $\mathbf v_o(t)$, from the wheels. Equations
+# are numbered here on their own; a departure from the paper is said where it occurs.
+
+# %%
+import math
+import tempfile
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+from data_tools import motion, vehicles, wheel_logs
+from evcalib.errors import InputError
+from evcalib.kinematics import Mecanum, Omni, OmniWheel, Swerve, Wheel, WheelLog, WheelStates
+from evcalib.plots import draw_motion, draw_velocity_log, explain_motion, style
+
+style.use()
+
+# %% [markdown]
+# ## What one wheel tells
+#
+# The body frame has X forward, Y to the left and Z up. A rigid body in the plane moves with three
+# numbers, its *twist*: the velocity $(v_x, v_y)$ of the frame's origin and the yaw rate $\omega$,
+# positive counter-clockwise. A point at $(x, y)$ then moves with
+#
+# $$\mathbf u = \begin{pmatrix} v_x - \omega\,y \\ v_y + \omega\,x \end{pmatrix}. \tag{1}$$
+#
+# A wheel that rolls without slipping must point along $\mathbf u$ and run at the speed
+# $\lVert\mathbf u\rVert$. So each wheel that both steers and drives *measures* $\mathbf u$ at the
+# place where it stands. Here is a vehicle with four of them:
+
+# %%
+places = {"fl": (0.30, 0.25), "fr": (0.30, -0.25), "rl": (-0.30, 0.25), "rr": (-0.30, -0.25)}
+swerve = Swerve(tuple(Wheel(name, x, y) for name, (x, y) in places.items()))
+
+# %% [markdown]
+# Let it spin on the spot at 1 rad/s. By (1) the front left wheel moves with $(-0.25, 0.30)$ m/s:
+# backwards and to the left, at a right angle to its radius. `wheel_states` says the same as a
+# speed and an angle.
+
+# %%
+spin = swerve.wheel_states(v=[[0.0, 0.0]], yaw_rate=[1.0])
+speed, angle = spin.speed[0, 0], spin.steer[0, 0]
+print(f"front left: {speed:.4f} m/s at {math.degrees(angle):.2f} deg")
+
+assert math.isclose(speed, math.hypot(0.25, 0.30))
+assert math.isclose(angle, math.atan2(0.30, -0.25))
+
+# %% [markdown]
+# Four motions of the same vehicle, seen from above. Orange arrows are what the wheels measure,
+# drawn as the way they go in 0.3 s; the thick blue arrow is the body; the cross is the point about
+# which it turns. **See:** only when nothing turns are all orange arrows equal. In a curve every
+# wheel stands at a right angle to its line to the cross.
+
+# %%
+motions = {"forward": (1, 0, 0), "crab": (0.7, 0.7, 0), "spin": (0, 0, 2), "curve": (0.8, 0, 1.4)}
+figure, axes = plt.subplots(1, 4, figsize=(12, 3.3))
+for ax, (name, (vx, vy, omega)) in zip(axes, motions.items(), strict=True):
+    draw_motion(ax, swerve, swerve.wheel_states([[vx, vy]], [omega]))
+    ax.set_title(name)
+explain_motion(figure)
+plt.show()
+
+# %% [markdown]
+# ## All wheels together
+#
+# Backwards it is more interesting: given all $\mathbf u_i$, which twist explains them? Four wheels
+# give eight numbers for three unknowns. Stack (1) for all wheels into one matrix,
+#
+# $$\begin{pmatrix} \mathbf u_1 \\ \vdots \\ \mathbf u_k \end{pmatrix} \approx
+# H \begin{pmatrix} v_x \\ v_y \\ \omega \end{pmatrix}, \qquad
+# H_i = \begin{pmatrix} 1 & 0 & -y_i \\ 0 & 1 & x_i \end{pmatrix}, \tag{2}$$
+#
+# and take the least-squares solution. The first two rows belong to the front left wheel:
+
+# %%
+print(swerve.matrix[:4])
+
+# %% [markdown]
+# `twist` does it for every row of a log at once. There and back again must give what went in:
+
+# %%
+curve = swerve.wheel_states([[0.8, 0.0]], [1.4])
+twist = swerve.twist(curve)
+print(f"forward {twist.v[0, 0]:.3f} m/s, turning {twist.yaw_rate[0]:.3f} rad/s")
+
+assert np.allclose(twist.v, [[0.8, 0.0]])
+assert np.allclose(twist.yaw_rate, 1.4)
+
+# %% [markdown]
+# A wheel may also stand the other way round and run backwards: speed $-s$ at angle
+# $\theta + \pi$ is the same contact velocity as $s$ at $\theta$. Real swerve drives do this all the
+# time to save steering. Equation (2) sees only $\mathbf u$, so it does not care.
+
+# %%
+flipped = WheelStates(-curve.speed, curve.steer + np.pi)
+assert np.allclose(swerve.twist(flipped).v, twist.v)
+assert np.allclose(swerve.twist(flipped).yaw_rate, twist.yaw_rate)
+
+# %% [markdown]
+# ## When wheels disagree: slip
+#
+# What least squares cannot explain is called slip here. In metres per second it is the root mean
+# square, over the wheels, of what each measures minus what the best twist implies:
+#
+# $$\text{slip} = \sqrt{\tfrac1k \textstyle\sum_i
+# \lVert \mathbf u_i - H_i\,(v_x, v_y, \omega)^\top \rVert^2}. \tag{3}$$
+#
+# The front left wheel comes onto ice and spins at 1.6 m/s while the vehicle drives 0.8 m/s:
+
+# %%
+ice = WheelStates(np.array([[1.6, 0.8, 0.8, 0.8]]), np.zeros((1, 4)))
+on_ice = swerve.twist(ice)
+print(f"v_x = {on_ice.v[0, 0]:.3f} m/s instead of 0.8")
+print(f"yaw rate {on_ice.yaw_rate[0]:.3f} rad/s, slip {on_ice.slip[0]:.3f} m/s")
+
+# %% [markdown]
+# **See:** the purple bars lie at all four wheels, not only at the guilty one. Least squares shares
+# the error out, and the vehicle seems to turn right. So slip does not say *which* wheel is wrong,
+# but it says well that this row is not to be trusted.
+
+# %%
+figure, ax = plt.subplots(figsize=(4.6, 5.2))
+draw_motion(ax, swerve, ice)
+explain_motion(figure)
+plt.show()
+
+# %% [markdown]
+# ## The paper's average
+#
+# The paper drives all wheels alike and uses their mean speed and mean angle:
+#
+# $$\mathbf v_o = \bar v \, (\cos\bar\theta,\; \sin\bar\theta,\; 0)^\top. \tag{4}$$
+#
+# Two remarks. As printed, as a column times a rotation matrix, the formula gives $-\sin\bar\theta$
+# if it is read with row vectors: an erratum, since the wheels and the body turn the same way. And
+# angles must be averaged on the circle:
+
+# %%
+average = Swerve(swerve.wheels, method="average")
+angles = np.radians([[179.0, -179.0, 178.0, -178.0]])
+backwards = average.twist(WheelStates(np.ones((1, 4)), angles))
+print(f"mean of the numbers: {np.degrees(angles.mean()):.0f} deg, which is forward")
+print(f"mean on the circle: v_x = {backwards.v[0, 0]:.3f} m/s, which is backwards")
+
+assert np.allclose(backwards.v, [[-1.0, 0.0]])
+
+# %% [markdown]
+# The average is right as long as the body does not turn. If it turns, each wheel has its own
+# speed, and the mean of the *lengths* is more than the length of the mean. We drive forward at
+# 1 m/s and turn ever faster:
+
+# %%
+rates = np.linspace(0.0, 2.0, 41)
+turning = swerve.wheel_states(np.tile([1.0, 0.0], (rates.size, 1)), rates)
+error = {vehicle.method: vehicle.twist(turning).v[:, 0] - 1.0 for vehicle in (average, swerve)}
+for rate in (0.2, 1.0, 2.0):
+    row = int(np.argmin(np.abs(rates - rate)))
+    print(f"{rate:.1f} rad/s: the average is {1000 * error['average'][row]:.1f} mm/s too fast")
+
+assert np.allclose(error["least_squares"], 0.0)
+
+# %% [markdown]
+# **See:** the error grows with the square of the yaw rate, and at 0.2 rad/s it is still tiny. This
+# is why the paper may use the average on a vehicle that only translates, and why we do not.
+
+# %%
+figure, ax = plt.subplots(figsize=style.SMALL)
+ax.plot(rates, error["average"], "--", color=style.OUTLIER, label="paper's average")
+ax.plot(rates, error["least_squares"], color=style.BODY, label="least squares")
+ax.legend()
+style.label(ax, "yaw rate [rad/s]", "error of the forward speed [m/s]")
+plt.show()
+
+# %% [markdown]
+# ## Other wheels, same idea
+#
+# A wheel with rollers slides freely in one direction, so it measures only *one component* of its
+# contact velocity: one row of $H$ instead of two.
+#
+# - **Omni wheel**, rolling towards angle $\beta$: $\; s = v_x \cos\beta + v_y \sin\beta +
+#   \omega\,(x \sin\beta - y \cos\beta).\quad (5)$
+# - **Mecanum wheel**, rollers at 45 degrees: $\; s = u_x \mp u_y$, minus for front left and rear
+#   right. $\quad (6)$
+#
+# Both are in Lynch & Park, *Modern Robotics*, section 13.2. Here $s$ is the speed of the rim:
+# rotation rate times wheel radius.
+
+# %%
+mecanum = Mecanum(half_length=0.30, half_width=0.25)
+around = {"a": 0.0, "b": 2 * math.pi / 3, "c": 4 * math.pi / 3}
+kiwi = Omni(
+    tuple(
+        OmniWheel(name, 0.30 * math.cos(a), 0.30 * math.sin(a), drive=a + math.pi / 2)
+        for name, a in around.items()
+    )
+)
+print(mecanum.matrix)
+
+# %% [markdown]
+# The same twist for all three, with the first wheel 0.4 m/s too fast. **See:** swerve and mecanum
+# notice. The three wheels of the kiwi drive cannot: three numbers for three unknowns always fit,
+# and the blue arrow is simply wrong, with no sign of it.
+
+# %%
+figure, axes = plt.subplots(1, 3, figsize=(11, 4.2))
+for ax, vehicle in zip(axes, (swerve, mecanum, kiwi), strict=True):
+    states = vehicle.wheel_states([[0.6, 0.4]], [0.8])
+    states.speed[0, 0] += 0.4
+    draw_motion(ax, vehicle, states)
+    ax.set_title(f"{type(vehicle).__name__}: slip {abs(vehicle.twist(states).slip[0]):.2f} m/s")
+explain_motion(figure)
+plt.show()
+
+# %% [markdown]
+# Not every placement of wheels can answer. If all wheels roll through one common point, turning
+# about it moves none of them. The library refuses such a vehicle and names the motion that it
+# cannot see:
+
+# %%
+radial = [OmniWheel(w.name, w.x, w.y, drive=around[w.name]) for w in kiwi.wheels]
+try:
+    Omni(tuple(radial))
+except InputError as error_message:
+    print(error_message)
+
+# %% [markdown]
+# ## A whole log
+#
+# Now the real work. We simulate a drive of 20 s along an S-curve, log the wheels at 50 Hz with a
+# little noise, and spoil it twice: from 8 to 9 s the vehicle turns, from 14 to 15 s the front
+# right wheel slips.
+
+# %%
+rng = np.random.default_rng(3)
+t = np.arange(0.0, 20.0, 0.02)
+v = motion.s_curve(20.0).velocity(t)[:, :2]
+yaw_rate = np.where((t >= 8) & (t < 9), 0.8, 0.0)
+clean = swerve.wheel_states(v, yaw_rate)
+states = WheelStates(
+    clean.speed + rng.normal(0, 0.01, clean.speed.shape),
+    clean.steer + rng.normal(0, 0.01, clean.speed.shape),
+)
+states.speed[(t >= 14) & (t < 15), 1] += 0.3
+
+# %% [markdown]
+# On disk a vehicle is a few lines of YAML and a log is a CSV file with `t`, then `speed_NAME` [m/s]
+# and `steer_NAME` [rad] for each wheel.
+
+# %%
+folder = Path(tempfile.mkdtemp())
+vehicles.write_vehicle(folder / "vehicle.yaml", swerve)
+wheel_logs.write_wheel_log(folder / "wheels.csv", WheelLog(t, states), swerve)
+print((folder / "vehicle.yaml").read_text())
+print((folder / "wheels.csv").read_text().splitlines()[0])
+
+# %% [markdown]
+# One call reads both and returns the velocities. The lowest panel shows what slip is for: **see**
+# the second from 14 s on stand out from the noise. The turn at 8 s is *not* slip, because the
+# model explains it.
+
+# %%
+everything = wheel_logs.velocities_from_files(folder / "wheels.csv", folder / "vehicle.yaml")
+figure, axes = plt.subplots(3, 1, figsize=style.TALL, sharex=True)
+draw_velocity_log(axes, everything)
+print(everything.summary())
+plt.show()
+
+# %% [markdown]
+# The calibration wants rows of which it can be sure: no slip, and little rotation, because a camera
+# away from the body's origin sees another velocity than the origin's when the body turns. Two
+# limits remove the rest and tell how much it was:
+
+# %%
+gated = wheel_logs.velocities_from_files(
+    folder / "wheels.csv", folder / "vehicle.yaml", max_slip=0.05, max_yaw_rate=0.3
+)
+print(gated.summary())
+
+assert gated.removed == gated.over_slip + gated.over_yaw_rate == 100
+
+# %% [markdown]
+# Did it help? The worst error against the truth, with and without the limits:
+
+# %%
+worst = {}
+for name, result in {"all rows": everything, "gated": gated}.items():
+    truth = v[np.isin(t, result.velocities.t)]
+    worst[name] = np.abs(result.velocities.v[:, :2] - truth).max()
+    print(f"{name}: worst error {worst[name]:.3f} m/s")
+
+assert worst["gated"] < 0.4 * worst["all rows"]
+
+# %% [markdown]
+# A good log is worth little if it is read wrongly. The reader therefore refuses what looks like
+# another unit, and says where. Here somebody logged degrees:
+
+# %%
+degrees = WheelStates(states.speed, np.degrees(states.steer))
+wheel_logs.write_wheel_log(folder / "degrees.csv", WheelLog(t, degrees), swerve)
+try:
+    wheel_logs.read_wheel_log(folder / "degrees.csv", swerve)
+except InputError as error_message:
+    print(str(error_message).replace(str(folder), "..."))
+
+# %% [markdown]
+# ## Drive it yourself
+#
+# The panel draws the same picture as above, for wheels that you steer and drive. Try this:
+#
+# 1. Start from *forward* and raise only `fl speed`: how much of it does the body take over?
+# 2. Start from *sideways* and turn one wheel by 180 degrees. Then make its speed negative.
+# 3. Start from *spin on the spot*: why does the paper's average show no velocity, and what would
+#    it show if you turned a single wheel?
+
+# %%
+from evcalib.widgets import SwervePanel
+
+SwervePanel(swerve)
+
+# %% [markdown]
+# ## Exercises
+#
+# **1.** The vehicle shall turn about the point 1 m to its left, $(0, 1)$, at 0.5 rad/s. What is its
+# twist, and what are the states of the front left wheel?
+#
+# <details><summary>Solution</summary>
+#
+# By (1) the point itself stands still: $v_x - 0.5 \cdot 1 = 0$ and $v_y + 0.5 \cdot 0 = 0$, so
+# $v = (0.5, 0)$ m/s. The wheel moves with $(0.5 - 0.5 \cdot 0.25,\; 0.5 \cdot 0.30) =
+# (0.375, 0.15)$ m/s: 0.404 m/s at 21.8 degrees. Check:
+# `swerve.wheel_states([[0.5, 0.0]], [0.5])`.
+#
+# </details>
+#
+# **2.** Two steered wheels give four numbers for three unknowns. Which single disagreement can they
+# show?
+#
+# <details><summary>Solution</summary>
+#
+# A rigid body keeps the distance between its wheels, so the components *along the line that joins
+# them* must be equal. Only their difference is slip; everything else is explained by some twist.
+# Try `Swerve((Wheel("f", 0.3, 0), Wheel("r", -0.3, 0)))` with speeds (1, 1) and angles
+# (0.2, -0.1): the difference is $\cos 0.2 - \cos 0.1 = -0.0149$ m/s and each wheel is off by half
+# of it, so the slip is 0.0075 m/s.
+#
+# </details>
+#
+# **3.** How many omni wheels does a kiwi drive need to notice slip?
+#
+# <details><summary>Solution</summary>
+#
+# Four: one more equation than unknowns. `Omni` takes any number from three on. With four, errors
+# that happen to look like a motion still go unseen; every further wheel leaves fewer of those.
+#
+# </details>
+#
+# ## In the library
+#
+# - `evcalib.kinematics`: `Swerve`, `Mecanum`, `Omni` with `twist` and `wheel_states`;
+#   `body_velocities` for a whole log with limits on slip and yaw rate.
+# - `data_tools.vehicles` and `data_tools.wheel_logs`: the two files, read and written.
+# - `evcalib.plots.draw_motion`, `evcalib.widgets.SwervePanel`: the pictures of this notebook.
+# - The same from the command line:
+#   `evcalib velocities wheels.csv --vehicle vehicle.yaml -o velocities.csv --max-slip 0.05`
+#
+# **Next:** the wheels' clock and the camera's clock do not agree. Notebook 4 finds the offset
+# between them.

@@ -1,0 +1,67 @@
+"""Build the notebooks: run each ``NAME.py`` (jupytext percent) and store it as ``NAME.ipynb``.
+
+    python notebooks/_build.py            # all
+    python notebooks/_build.py 03_kinematics 04_offset
+
+The same source gives the same bytes: cells get stable names, and what differs from run to run
+(timing, versions, ids and saved state of widgets) is dropped.  A callback of a widget that fails
+goes unnoticed here: run ``pytest notebooks`` afterwards.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+
+import jupytext
+import nbformat
+from nbclient import NotebookClient
+
+HERE = Path(__file__).parent
+WIDGET = "application/vnd.jupyter.widget-view+json"
+
+
+def sources() -> list[Path]:
+    """Return the sources of all notebooks, in order."""
+    return sorted(path for path in HERE.glob("*.py") if not path.name.startswith("_"))
+
+
+def build(source: Path) -> Path:
+    """Run one notebook and store it with its outputs."""
+    notebook = jupytext.read(source)
+    for number, cell in enumerate(notebook.cells):
+        cell.id = f"{source.stem}-{number:02d}"
+    client = NotebookClient(
+        notebook,
+        timeout=600,
+        kernel_name="python3",
+        record_timing=False,
+        resources={"metadata": {"path": str(HERE)}},
+    )
+    client.execute()
+    _drop_volatile(notebook)
+    target = source.with_suffix(".ipynb")
+    nbformat.write(notebook, target)
+    return target
+
+
+def _drop_volatile(notebook: nbformat.NotebookNode) -> None:
+    python = {"display_name": "Python 3", "language": "python", "name": "python3"}
+    notebook.metadata = nbformat.from_dict(
+        {"kernelspec": python, "language_info": {"name": "python"}}
+    )
+    views = 0
+    for cell in notebook.cells:
+        for output in cell.get("outputs", ()):
+            if WIDGET in output.get("data", {}):
+                output.data[WIDGET]["model_id"] = f"view-{views}"
+                views += 1
+
+
+if __name__ == "__main__":
+    os.environ["TQDM_DISABLE"] = "1"
+    names = sys.argv[1:] or [path.stem for path in sources()]
+    for name in names:
+        target = build(HERE / f"{name}.py")
+        print(f"{target.name}: {target.stat().st_size / 1000:.0f} kB")
