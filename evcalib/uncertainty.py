@@ -64,26 +64,31 @@ def fit_noise(t: Floats, noise: Floats) -> NoiseModel:
     span, step = float(t[-1] - t[0]), float(np.median(np.diff(t)))
     shortest, longest = 0.3 * step, max(min(0.5 * span, 60.0), step)
 
-    def loss(x: Floats) -> float:
-        share = 1.0 / (1.0 + np.exp(-x[0]))
-        memory = np.exp(np.clip(x[1], np.log(shortest), np.log(longest)))
-        return -float(kernel.log_likelihood(t, noise, share, memory))
+    def loss(share: float, log_memory: float) -> float:
+        return -float(kernel.log_likelihood(t, noise, share, float(np.exp(log_memory))))
 
-    starts = [
-        (share, memory)
-        for share in (-3.0, -1.0, 1.0, 4.0)
-        for memory in np.linspace(np.log(shortest), np.log(longest), 9)
-    ]
-    best = min(starts, key=lambda x: loss(np.array(x)))
-    found = optimize.minimize(
-        loss, best, method="Nelder-Mead", options={"xatol": 0.02, "fatol": 1e-3, "maxiter": 200}
+    logs = np.linspace(np.log(shortest), np.log(longest), 9)
+    bounds = (logs[0], logs[-1])
+    start = min(logs, key=lambda log_memory: loss(1.0, log_memory))
+    near = (max(start - np.diff(logs)[0], bounds[0]), min(start + np.diff(logs)[0], bounds[1]))
+    pure = optimize.minimize_scalar(lambda x: loss(1.0, x), bounds=near, method="bounded")
+    share, memory, best = 1.0, float(np.exp(pure.x)), float(pure.fun)
+
+    starts = [(share, log_memory) for share in (0.05, 0.25, 0.75) for log_memory in logs]
+    mixed = optimize.minimize(
+        lambda x: loss(float(x[0]), float(x[1])),
+        min(starts, key=lambda x: loss(*x)),
+        method="Nelder-Mead",
+        bounds=[(0.0, 1.0), bounds],
+        options={"xatol": 0.01, "fatol": 1e-3, "maxiter": 200},
     )
-    if loss(found.x) > -float(kernel.log_likelihood(t, noise, 0.0, 1.0)):
+    # A white part makes the noise look shorter: it must show at the 95 % level to be believed.
+    if best - mixed.fun > 0.5 * stats.chi2.ppf(0.95, 1):
+        share, memory, best = float(mixed.x[0]), float(np.exp(mixed.x[1])), float(mixed.fun)
+    if best > loss(0.0, 0.0):
         return NoiseModel(0.0, 1.0)
-    memory = float(np.exp(np.clip(found.x[1], np.log(shortest), np.log(longest))))
     # Residuals of a fit forget faster than the noise, by about 4 memory / span (Kendall 1954).
-    memory *= 1.0 + 4.0 * min(memory / span, 0.25)
-    return NoiseModel(float(1.0 / (1.0 + np.exp(-found.x[0]))), memory)
+    return NoiseModel(share, memory * (1.0 + 4.0 * min(memory / span, 0.25)))
 
 
 @dataclass(frozen=True, eq=False)
