@@ -224,7 +224,7 @@ figure, axes = plt.subplots(1, 3, figsize=(11, 4.2))
 for ax, vehicle in zip(axes, (swerve, mecanum, kiwi), strict=True):
     states = vehicle.wheel_states([[0.6, 0.4]], [0.8])
     states.speed[0, 0] += 0.4
-    draw_motion(ax, vehicle, states)
+    draw_motion(ax, vehicle, states, reach=0.75)
     ax.set_title(f"{type(vehicle).__name__}: slip {abs(vehicle.twist(states).slip[0]):.2f} m/s")
 explain_motion(figure)
 plt.show()

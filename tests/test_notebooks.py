@@ -53,7 +53,7 @@ def test_nothing_of_one_run_or_one_machine_is_stored(source):
         f"{source.stem}-{number:02d}" for number in range(len(notebook.cells))
     ]
     text = source.with_suffix(".ipynb").read_text(encoding="utf-8")
-    assert str(Path.home()) + "/" not in text
+    assert str(FOLDER.parent) not in text
     assert " at 0x" not in text
 
 

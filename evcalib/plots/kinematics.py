@@ -89,7 +89,7 @@ def draw_velocity_log(axes: Sequence[Axes], result: BodyVelocities) -> None:
     names = ("forward $v_x$", "left $v_y$")
     for values, name, dash in zip(series.v.T[:2], names, ("-", "--"), strict=True):
         axes[0].plot(series.t, values, dash, color=style.BODY, label=name)
-    axes[0].legend(loc="upper right", ncols=2)
+    axes[0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
     axes[1].plot(series.t, series.yaw_rate, color=style.BODY)
     axes[2].plot(series.t, result.slip, ".", ms=3, color=style.OUTLIER)
     labels = ("velocity [m/s]", "yaw rate [rad/s]", "slip [m/s]")
