@@ -190,8 +190,8 @@ def match(
 ) -> NDArray[np.int64]:
     """Match keypoints of the same polarity by mutually nearest descriptors.
 
-    The result of OpenCV's brute-force matcher with cross-check for each polarity, in a tenth of
-    its time; and keypoints out of reach are not compared at all.
+    The result of OpenCV's brute-force matcher with cross-check for each polarity, in a
+    seventh of its time; and keypoints out of reach are not compared at all.
 
     Parameters
     ----------
