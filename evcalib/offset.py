@@ -133,16 +133,17 @@ def find_offset(
 
 
 def weights(headings: HeadingSeries) -> Floats:
-    """Return the weight of each heading: as given, else from its standard deviation, else 1.
+    """Return the weight of each heading, 1 on average: as given, else from its sd, else 1.
 
     The scatter that all headings share is taken to be as large as the median standard deviation.
     """
     if headings.weight is not None:
-        return headings.weight
-    if headings.sd is None or not headings.sd.any():
+        w = headings.weight
+    elif headings.sd is not None and headings.sd.any():
+        w = 1.0 / (headings.sd**2 + np.median(headings.sd[headings.sd > 0]) ** 2)
+    else:
         return np.ones(len(headings))
-    shared = float(np.median(headings.sd[headings.sd > 0]))
-    return 2 * shared**2 / (headings.sd**2 + shared**2)
+    return w * (len(headings) / max(w.sum(), 1e-300))
 
 
 def no_overlap(headings: HeadingSeries, track: VelocityTrack, max_offset: float) -> str:

@@ -31,7 +31,7 @@ class RotationEstimate:
     R_body_cam : ndarray, shape (3, 3)
         ``d = R_body_cam @ e``.
     weight : ndarray, shape (n,)
-        Final weight of each pair, the given weights included.
+        Final weight of each pair, the given weights (scaled to a mean of 1) included.
     sigma : float
         Standard deviation of the inliers per tangent axis [rad].
     converged : bool
@@ -90,7 +90,7 @@ def estimate_rotation(
     w = np.ones(len(e)) if weight is None else _check.floats(weight, "weight", (len(e),))
     if np.count_nonzero(w > 0) < 2:
         raise InputError("a rotation needs at least two pairs of directions with weight")
-    return _ESTIMATORS[method](e, d, w)
+    return _ESTIMATORS[method](e, d, w * (len(w) / w.sum()))
 
 
 def kabsch(e: Floats, d: Floats, weight: Floats) -> Floats:
