@@ -138,7 +138,8 @@ def fingers(
 
     def profile(t: Floats) -> Floats:
         inside = np.clip((t - index(t) * leg) / out, 0.0, 1.0)
-        return speed * np.minimum(1.0, 2.0 * np.sin(np.pi * inside) ** 2)
+        rise = np.minimum(1.0, 2.0 * np.sin(np.pi * inside) ** 2)
+        return np.where(inside < 1.0, speed * rise, 0.0)
 
     return Drive("fingers", leg * directions.size, lambda t: directions[index(t)], profile)
 
@@ -177,8 +178,8 @@ class Noise:
         for name in ("rho", "outliers", "flips", "dropout"):
             if not 0 <= getattr(self, name) <= 1:
                 raise InputError(f"{name} is a share between 0 and 1, not {getattr(self, name)}")
-        if self.sigma < 0 or self.rho == 1:
-            raise InputError("sigma must not be negative, and rho must be below 1")
+        if not 0 <= self.sigma < np.inf or self.rho == 1:
+            raise InputError("sigma must be finite and not negative, and rho must be below 1")
 
 
 @dataclass(frozen=True)
