@@ -1,6 +1,7 @@
 """Slow twins of the back end's kernels: the definitions, a sample at a time or by dense algebra."""
 
 import math
+from itertools import pairwise
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -9,7 +10,7 @@ from scipy.spatial.transform import Rotation
 def segments(t, max_gap):
     """Number the runs of samples between gaps."""
     numbers = [0]
-    for before, after in zip(t[:-1], t[1:], strict=True):
+    for before, after in pairwise(t):
         numbers.append(numbers[-1] + (after - before > max_gap))
     return np.array(numbers)
 
@@ -27,7 +28,7 @@ def mean_velocity(t, v, max_gap, start, end):
     """Return the mean over [start, end] by trapezoids between all corners, or None."""
     corners = [start, *t[(t > start) & (t < end)], end]
     values = [interpolated(t, v, max_gap, corner) for corner in corners]
-    gap = any(b - a > max_gap for a, b in zip(t[:-1], t[1:], strict=True) if a < end and b > start)
+    gap = any(b - a > max_gap for a, b in pairwise(t) if a < end and b > start)
     if gap or any(value is None for value in values):
         return None
     return np.trapezoid(np.array(values), corners, axis=0) / (end - start)
