@@ -57,3 +57,11 @@ def positive(value: float, name: str, unit: str = "") -> float:
     if not (np.isfinite(number) and number > 0):
         raise InputError(f"{name} must be a positive number{unit and ' of ' + unit}, not {value!r}")
     return number
+
+
+def at_least_zero(value: float, name: str) -> float:
+    """Return a finite number that is not negative."""
+    number = float(value)
+    if not 0 <= number < np.inf:
+        raise InputError(f"{name} must be a finite number of at least 0, not {value!r}")
+    return number

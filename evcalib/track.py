@@ -124,6 +124,7 @@ def velocity_track(
         raise InputError("velocities: the vehicle does not move (all, or nearly all, are zero)")
     gap = 5 * float(np.median(np.diff(t))) if max_gap is None else max_gap
     _check.positive(gap, "max_gap", "seconds")
+    still = STILL * top if min_speed is None else _check.at_least_zero(min_speed, "min_speed")
     segment = np.concatenate([[0], np.cumsum(np.diff(t) > gap)])
     noise = white_noise(v, segment)
     smoothed = kernel.smooth(t, v, segment, SMOOTHING, noise, SMOOTHING_GATE) if smooth else v
@@ -133,8 +134,8 @@ def velocity_track(
         kernel.slopes(t, smoothed),
         kernel.integrate(t, smoothed, segment),
         segment,
-        STILL * top if min_speed is None else float(min_speed),
-        float(hold),
+        still,
+        _check.at_least_zero(hold, "hold"),
         noise,
         v,
     )

@@ -46,7 +46,7 @@ def directions(start, end, offset, t, v, slope, path, segment, limits, out):
     last = t.size - 2
     for i in range(start.size):
         a, b = start[i] + offset, end[i] + offset
-        while j < last and a > t[j + 1]:
+        while j < last and a >= t[j + 1]:
             j += 1
         if end[i] == start[i]:
             u = a - t[j]
@@ -69,7 +69,7 @@ def directions(start, end, offset, t, v, slope, path, segment, limits, out):
             out[c, i] = (at_b - at_a) / span if inside else 0.0
     for i in range(start.size):
         speed = np.sqrt(out[0, i] ** 2 + out[1, i] ** 2 + out[2, i] ** 2)
-        gain = 1.0 / speed if speed >= min_speed else 0.0
+        gain = 1.0 / speed if speed > 0.0 and speed >= min_speed else 0.0
         for c in range(3):
             out[c, i] *= gain
 
