@@ -8,6 +8,9 @@ import numpy as np
 
 from evcalib.kernels._jit import jit
 
+INSTANT = 1e-6
+"""Intervals shorter than this [s] are instants: a mean over less is lost in rounding."""
+
 
 @jit
 def integrate(t, v, segment):
@@ -35,7 +38,8 @@ def slopes(t, v):
 def directions(start, end, offset, t, v, slope, path, segment, limits, out):
     """Fill `out` with the unit direction of the mean velocity over each shifted [start, end].
 
-    start, end : (n,) each ascending.  Where they are equal, the velocity at that time is used.
+    start, end : (n,) each ascending.  Where they are less than `INSTANT` apart, the velocity at the
+        start is used.
     offset : added to both.
     limits : (lowest mean speed with a direction [m/s], time [s] for which the sample at either end
         of a segment holds beyond it).
@@ -48,7 +52,7 @@ def directions(start, end, offset, t, v, slope, path, segment, limits, out):
         a, b = start[i] + offset, end[i] + offset
         while j < last and a >= t[j + 1]:
             j += 1
-        if end[i] == start[i]:
+        if end[i] - start[i] < INSTANT:
             u = a - t[j]
             if u >= 0.0 and a <= t[j + 1] and segment[j] == segment[j + 1]:
                 for c in range(3):
