@@ -36,6 +36,9 @@ SHARE = 0.3
 MAX_STEPS = 128
 """Spans of keyframe pairs stay below this number of steps."""
 
+SHORTEN = 0.75
+"""Part of the longest span that is left where a heading is certain enough."""
+
 CELLS = 8
 """Fewest cells that inliers come from."""
 
@@ -123,21 +126,26 @@ def match_keyframes(before: Keyframe, after: Keyframe, reach: float) -> Matches 
 
 @dataclass(frozen=True)
 class FitOptions:
-    """What `fit` needs to know: threshold and max_sd in radians."""
+    """What `fit` needs to know: threshold, max_sd and enough_sd in radians."""
 
     solver: str
     threshold: float
     min_inliers: int
     max_sd: float
+    enough_sd: float
     seed: int
 
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """A heading: direction, inliers among the matches, and the mean times of these."""
+    """A heading: direction, the matches that agree over all spans, and what it was made of.
+
+    `inliers` counts the matches behind the direction, the times are theirs.
+    """
 
     translation: Translation
-    inliers: NDArray[np.bool_]
+    agreeing: NDArray[np.bool_]
+    inliers: int
     t: float
     t_start: float
     t_end: float
@@ -165,9 +173,36 @@ def fit(matches: Matches, options: FitOptions) -> Fit | str:
     reason = _objection(matches, rows, translation, options)
     if reason:
         return reason
-    inliers = rows.copy()
-    inliers[rows] = translation.inliers
-    return Fit(translation, inliers, *_mean_times(matches, inliers))
+    agreeing = _spread(rows, translation.inliers)
+    rows, translation = _shortened(matches, rows, translation, options)
+    inliers = _spread(rows, translation.inliers)
+    return Fit(translation, agreeing, int(inliers.sum()), *_mean_times(matches, inliers))
+
+
+def _shortened(
+    matches: Matches, rows: NDArray[np.bool_], translation: Translation, options: FitOptions
+) -> tuple[NDArray[np.bool_], Translation]:
+    """Leave out the longest spans as long as the direction stays certain enough.
+
+    A heading is an average over its spans: the shorter they are, the better it follows a turn of
+    the motion.
+    """
+    while options.solver == "two_point" and translation.sd < options.enough_sd:
+        shorter = rows & (matches.span <= SHORTEN * matches.span[rows].max())
+        if shorter.sum() < options.min_inliers:
+            break
+        trial = _solve(matches, shorter, options)
+        if trial is None or trial.sd > options.enough_sd:
+            break
+        rows, translation = shorter, trial
+    return rows, translation
+
+
+def _spread(rows: NDArray[np.bool_], values: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return the values of the chosen rows in their places, False elsewhere."""
+    out = np.zeros_like(rows)
+    out[rows] = values
+    return out
 
 
 def _solve(matches: Matches, rows: NDArray[np.bool_], options: FitOptions) -> Translation | None:

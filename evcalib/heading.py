@@ -61,7 +61,7 @@ class Correspondences:
     t1, t2 : ndarray, shape (n,)
         Times of the corners themselves [s].
     inlier : ndarray of bool, shape (n,)
-        Whether they agree with their heading.
+        Whether they agree with one direction over all spans of their window.
     pair : ndarray of int64, shape (n,)
         Number of the keyframe pair, from 0.
     heading : ndarray of int64, shape (n,)
@@ -130,7 +130,8 @@ class HeadingEstimator:
         max_baseline: float = 0.7,
         threshold: float = 1.5,
         min_inliers: int = 20,
-        max_sd: float = 5.0,
+        max_sd: float = 3.0,
+        enough_sd: float = 0.2,
         seed: int = 0,
         keep_correspondences: bool = False,
     ) -> None:
@@ -151,6 +152,7 @@ class HeadingEstimator:
             threshold=_check.positive(threshold, "threshold", "pixels") / focal,
             min_inliers=int(_check.positive(min_inliers, "min_inliers")),
             max_sd=np.deg2rad(_check.positive(max_sd, "max_sd", "degrees")),
+            enough_sd=np.deg2rad(_check.positive(enough_sd, "enough_sd", "degrees")),
             seed=int(seed),
         )
         self._maker = KeyframeMaker(camera, surface, rate, seed)
@@ -203,7 +205,7 @@ class HeadingEstimator:
             t_end=np.array([f.t_end for f in fits]),
             weight=1.0 / sd**2,
             sd=sd,
-            inliers=np.array([float(f.inliers.sum()) for f in fits]),
+            inliers=np.array([float(f.inliers) for f in fits]),
         )
         covariance = np.array([f.translation.covariance for f in fits]).reshape(-1, 3, 3)
         kept = _correspondences(self._kept) if self._keep else None
@@ -239,7 +241,7 @@ class HeadingEstimator:
         if self._keep:
             # Each pair belongs to the window whose middle is nearest, or just before.
             own = matches.middle // 2 == centre
-            self._kept.append((matches[own], found.inliers[own]))
+            self._kept.append((matches[own], found.agreeing[own]))
         self._fits.append(found)
 
     def _matches(self, middle: int) -> list[Matches]:
@@ -276,7 +278,8 @@ def estimate_headings(
     max_baseline: float = 0.7,
     threshold: float = 1.5,
     min_inliers: int = 20,
-    max_sd: float = 5.0,
+    max_sd: float = 3.0,
+    enough_sd: float = 0.2,
     seed: int = 0,
     keep_correspondences: bool = False,
 ) -> HeadingEstimate:
@@ -309,6 +312,9 @@ def estimate_headings(
         Fewest inliers of a heading.
     max_sd : float
         Largest standard deviation of a heading [deg].
+    enough_sd : float
+        The longest spans are left out as long as the standard deviation of a heading stays below
+        this [deg]: shorter spans follow a changing direction better.
     seed : int
         Of the descriptor's pattern and of the solver's samples.
     keep_correspondences : bool
@@ -339,6 +345,7 @@ def estimate_headings(
         threshold=threshold,
         min_inliers=min_inliers,
         max_sd=max_sd,
+        enough_sd=enough_sd,
         seed=seed,
         keep_correspondences=keep_correspondences,
     )

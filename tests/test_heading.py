@@ -158,7 +158,11 @@ def test_correspondences_are_those_behind_the_headings(sideways):
     t = headings.v[kept.heading[inside]]
     lever = np.cross(kept.r1[inside], kept.r2[inside])
     slope = np.hypot(*(np.linalg.norm(np.cross(t, r[inside]), axis=1) for r in (kept.r1, kept.r2)))
-    assert np.abs(np.sum(t * lever, axis=1) / slope).max() <= 1.5 / 250
+    residuals = np.abs(np.sum(t * lever, axis=1) / slope)
+    # The headings themselves are of shorter spans, and differ by a fraction of a degree.
+    assert np.quantile(residuals, 0.95) <= 1.5 / 250
+    assert residuals.max() <= 2.5 / 250
+    assert inside.mean() > 0.5
     # A pair of keyframes belongs to one heading, and lies about it.
     pairs = np.unique(np.column_stack((kept.pair, kept.heading)), axis=0)
     assert np.unique(pairs[:, 0]).size == len(pairs)
@@ -182,6 +186,15 @@ def test_a_heading_carries_its_own_time_and_certainty(sideways):
     assert len(headings) + len(estimate.gaps) == 17
     assert 0 < counts.clipped < counts.keypoints < counts.corners < counts.events
     assert estimate.found == len(headings) / 17
+
+
+def test_certain_headings_are_of_shorter_spans(sideways):
+    long = estimate_headings(sideways, SIMULATED, enough_sd=1e-3).headings
+    short = estimate_headings(sideways, SIMULATED, enough_sd=0.5).headings
+    assert np.median(long.t_end - long.t_start) > 1.3 * np.median(short.t_end - short.t_start)
+    assert np.median(long.sd) < np.median(short.sd) < np.deg2rad(0.5)
+    off = np.degrees(angle_between(short.v, unit((1, 0, 0.3))))
+    assert np.median(off) < 1.0
 
 
 def test_standing_still_and_noise_have_no_heading():
@@ -268,6 +281,7 @@ def test_unusable_streams_are_refused(sideways):
         {"threshold": 0},
         {"min_inliers": 0},
         {"max_sd": np.inf},
+        {"enough_sd": 0},
     ],
 )
 def test_unusable_options_are_refused(option):
