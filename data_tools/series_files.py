@@ -131,14 +131,14 @@ def read_paired_rows(path: str | Path) -> PairedRows:
         If the file is no such archive.
     """
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        with open(path, "rb") as file, np.load(file, allow_pickle=False) as archive:
             if "best_set" not in archive.files:
                 found = ", ".join(archive.files) or "nothing"
                 raise InputError(f"{path} holds {found}, not the authors' array best_set")
             return PairedRows.from_rows(archive["best_set"])
     except OSError as error:
         raise InputError(f"cannot read {path}: {error.strerror or error}") from None
-    except (ValueError, EOFError, AttributeError, zipfile.BadZipFile) as error:
+    except (ValueError, TypeError, EOFError, AttributeError, zipfile.BadZipFile) as error:
         if isinstance(error, InputError):
             raise
         raise InputError(f"{path} is not an .npz archive of numbers") from None

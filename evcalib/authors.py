@@ -6,7 +6,7 @@ This is not an estimator to use.  It reproduces what the script published with t
 - Each stream is sorted by its own time; the first row and every row whose time repeats the row
   before it are dropped.
 - The odometry is interpolated by one cubic spline across all gaps, and extrapolated at both ends.
-- The correlation is not the paper's trace (Eq. 11) but the first canonical correlation.  Its
+- The correlation is not the paper's trace but the first canonical correlation.  Its
   weights come from per-axis standardised data, with 1e-5 added to the diagonals of all three
   covariances, and are then applied to the data that are not standardised.
 - The robust weights of the rotation multiply up from one iteration to the next, which takes them

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from evcalib.errors import EvcalibError
+from evcalib.errors import EvcalibError, InputError
 
 if TYPE_CHECKING:
     from evcalib.calibration import Calibration
@@ -23,27 +23,33 @@ NO_ANSWER = 3
 
 app = typer.Typer(
     help="Time offset and rotation between an event camera and an omni-directional vehicle.",
-    no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
 )
 
-MaxOffset = Annotated[float, typer.Option(help="Search offsets from -MAX to MAX [s].")]
+MaxOffset = Annotated[float, typer.Option(help="Search offsets from -MAX to MAX, in seconds.")]
 Output = Annotated[
     Path | None, typer.Option("-o", "--output", help="Folder for calibration.yaml and the plots.")
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON alone on standard output.")]
 
 
+# The class of all errors of usage; typer has it from click, or brings its own copy of click.
+UsageError: Any = typer.BadParameter.__bases__[0]
+
+
 def main() -> None:
     """Run the command line; errors of the input are one line on stderr and exit code 2."""
     try:
-        app()
+        code = app(sys.argv[1:] or ["--help"], standalone_mode=False)
+    except UsageError as error:
+        _fail(f"{error.format_message()} (see evcalib --help)")
     except EvcalibError as error:
         _fail(str(error))
     except KeyboardInterrupt:
         print("evcalib: interrupted", file=sys.stderr)
         sys.exit(130)
+    sys.exit(code)
 
 
 @app.command()
@@ -52,10 +58,10 @@ def velocities(
     vehicle: Annotated[Path, typer.Option(help="Vehicle file (YAML).")],
     output: Annotated[Path, typer.Option("-o", "--output", help="Velocities to write (CSV).")],
     max_slip: Annotated[
-        float | None, typer.Option(help="Remove rows that slip more [m/s].")
+        float | None, typer.Option(help="Remove rows that slip more, in m/s.")
     ] = None,
     max_yaw_rate: Annotated[
-        float | None, typer.Option(help="Remove rows that turn faster [rad/s].")
+        float | None, typer.Option(help="Remove rows that turn faster, in rad/s.")
     ] = None,
 ) -> None:
     """Turn a wheel log into body velocities."""
@@ -84,10 +90,11 @@ def align(
     ] = "profile",
     rotation_method: Annotated[str, typer.Option(help="tukey, l1, kabsch, gnc or cca.")] = "tukey",
     offset: Annotated[
-        float | None, typer.Option(help="Offset [s] to use if the motion does not tell it.")
+        float | None, typer.Option(help="Offset in seconds, to use if the motion does not tell it.")
     ] = None,
     max_gap: Annotated[
-        float | None, typer.Option(help="Longest step of the velocities to interpolate over [s].")
+        float | None,
+        typer.Option(help="Longest step to interpolate over, in seconds."),
     ] = None,
     seed: Annotated[int, typer.Option(help="Seed of the bootstrap.")] = 0,
     output: Output = None,
@@ -145,7 +152,6 @@ def headings(
 ) -> None:
     """Find the direction of motion of an event camera from its events."""
     from data_tools.headings import headings_from_files
-
     from data_tools.series_files import write_headings
 
     result = headings_from_files(
@@ -197,11 +203,11 @@ def _streams(
 
     if headings.suffix == ".npz":
         if velocities is not None:
-            raise typer.BadParameter("an .npz file holds both streams: give no velocities")
+            raise InputError(f"{headings} holds both streams: give no velocities beside it")
         pairs = read_paired_streams(headings)
         return pairs.headings, pairs.velocities, pairs.hold
     if velocities is None:
-        raise typer.BadParameter("a velocities file is needed beside the headings file")
+        raise InputError(f"a velocities file is needed beside {headings}")
     return read_headings(headings), read_velocities(velocities), 0.0
 
 

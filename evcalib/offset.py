@@ -1,4 +1,4 @@
-"""The time offset between camera and odometry (paper Sec. III-C, Alg. 1).
+"""The time offset between camera and odometry (the paper's Alg. 1).
 
 Each method gives a score for every candidate offset, and none of them needs the rotation.  The
 odometry is never interpolated across gaps or extrapolated: a heading counts at an offset only
@@ -100,7 +100,7 @@ def find_offset(
         Offsets from -max_offset to max_offset [s] are tried.
     method : {"profile", "trace", "canonical", "scalar"}
         ``profile``: the best rotation's robust score (ours).  ``trace``: the paper's trace
-        correlation (Eq. 11), mended: pseudo-inverse and 1/rank in place of an inverse that planar
+        correlation, mended: pseudo-inverse and 1/rank in place of an inverse that planar
         motion does not have and 1/3; no lag in the auto-covariances.  ``canonical``: the first
         canonical correlation.  ``scalar``: correlation of the two rates of turning.
     step : float

@@ -1,4 +1,4 @@
-"""The rotation that turns camera headings into body directions (paper Sec. III-D, Eq. 12)."""
+"""The rotation that turns camera headings into body directions."""
 
 from __future__ import annotations
 
@@ -148,7 +148,7 @@ def _kabsch_estimate(e: Floats, d: Floats, w: Floats) -> RotationEstimate:
 
 
 def _l1(e: Floats, d: Floats, w: Floats, floor: float = 1e-3) -> RotationEstimate:
-    """Iterate w_i = 1 / max(floor, |d - R e|): the paper's Eq. 12, by re-weighting."""
+    """Iterate w_i = 1 / max(floor, |d - R e|) (the paper's L1 registration, by re-weighting)."""
 
     def reweight(u: Floats) -> Floats:
         return np.asarray(1.0 / np.maximum(floor, np.sqrt(2 * u)))

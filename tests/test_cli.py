@@ -1,0 +1,254 @@
+"""The command line as a user types it: output, files, exit codes, one clear line per error."""
+
+import json
+import re
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import yaml
+
+from data_tools.motion import Noise, arc, s_curve, simulate, straight
+from data_tools.series_files import write_headings, write_velocities
+from evcalib import cli
+from evcalib.geometry import rotation_angle
+
+PAPER_TRUTH = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
+
+VEHICLE = """type: swerve
+wheels:
+  fl: {x: 0.30, y: 0.25}
+  fr: {x: 0.30, y: -0.25}
+"""
+
+
+@pytest.fixture
+def run(monkeypatch, capsys):
+    def call(*words):
+        monkeypatch.setattr(sys, "argv", ["evcalib", *map(str, words)])
+        with pytest.raises(SystemExit) as stop:
+            cli.main()
+        out, err = capsys.readouterr()
+        return stop.value.code or 0, out, err
+
+    return call
+
+
+def write_drive(folder, drive, **options):
+    options = {"heading_noise": Noise(0.05), "velocity_noise": Noise(0.01), **options}
+    streams = simulate(drive, np.random.default_rng(3), offset=0.2, **options)
+    write_headings(folder / "h.csv", streams.headings)
+    write_velocities(folder / "v.csv", streams.velocities)
+    return streams
+
+
+def one_line(err):
+    assert err.startswith("evcalib: ")
+    assert err.count("\n") == 1
+    return err
+
+
+def test_align_writes_what_it_prints(run, tmp_path):
+    streams = write_drive(tmp_path, s_curve(10))
+    code, out, _ = run("align", tmp_path / "h.csv", tmp_path / "v.csv", "-o", tmp_path / "o")
+    assert code == 0
+    assert "determines the rotation and the offset" in out
+    stored = yaml.safe_load((tmp_path / "o" / "calibration.yaml").read_text())
+    assert stored["offset_s"] == pytest.approx(0.2, abs=4 * stored["offset_sd_s"])
+    turn = np.degrees(rotation_angle(stored["R_body_cam"], streams.R_body_cam))
+    assert turn < 4 * stored["rotation_sd_deg"]
+    assert stored["offset_observable"] is True
+    assert stored["rotation_observable"] is True
+    assert "R_body_cam" in stored["convention"]
+    names = {path.name for path in (tmp_path / "o").iterdir()}
+    pictures = {f"{name}.png" for name in ("correlation", "directions", "residuals", "sphere")}
+    assert names == pictures | {"calibration.yaml"}
+
+
+def test_json_is_alone_on_stdout_and_equals_the_file(run, tmp_path):
+    write_drive(tmp_path, s_curve(10))
+    words = ("align", tmp_path / "h.csv", tmp_path / "v.csv", "-o", tmp_path / "o", "--json")
+    _, out, err = run(*words)
+    assert err == ""
+    assert json.loads(out) == yaml.safe_load((tmp_path / "o" / "calibration.yaml").read_text())
+
+
+@pytest.mark.parametrize("drive", [arc(12), straight(12)], ids=lambda d: d.kind)
+def test_a_motion_that_cannot_answer_exits_with_3_and_says_what_is_unknown(run, tmp_path, drive):
+    write_drive(tmp_path, drive)
+    code, out, _ = run("align", tmp_path / "h.csv", tmp_path / "v.csv")
+    assert code == 3
+    assert "not observable" in out
+    assert "What would tell" in out
+
+
+def test_an_arc_with_the_offset_given_is_determined(run, tmp_path):
+    write_drive(tmp_path, arc(12))
+    code, out, _ = run("align", tmp_path / "h.csv", tmp_path / "v.csv", "--offset", "0.2")
+    assert code == 0
+    assert "0.2 s that was given" in out
+
+
+def test_offset_method_none_takes_the_offset_as_it_is(run, tmp_path):
+    write_drive(tmp_path, s_curve(10))
+    words = ("--offset", "0.2", "--offset-method", "none", "--json")
+    code, out, _ = run("align", tmp_path / "h.csv", tmp_path / "v.csv", *words)
+    assert code == 0
+    assert json.loads(out)["offset_s"] == 0.2
+
+
+@pytest.mark.parametrize("fingers", [3, 5])
+def test_the_papers_real_data_determine_the_rotation_only(run, data, fingers):
+    path = data / "evcalib" / f"calib_data_time_{fingers}traj.npz"
+    code, out, _ = run("align", path, "--json")
+    result = json.loads(out)
+    error = np.degrees(rotation_angle(result["R_body_cam"], PAPER_TRUTH))
+    assert code == 0
+    assert result["offset_observable"] is False
+    assert error <= 3.0
+    assert result["rotation_sd_deg"] >= error
+
+
+def test_velocities_of_a_wheel_log_feed_align(run, tmp_path):
+    (tmp_path / "car.yaml").write_text(VEHICLE)
+    (tmp_path / "w.csv").write_text(
+        "t,speed_fl,steer_fl,speed_fr,steer_fr\n0,1,0.5,1,0.5\n0.1,1,0.5,1,0.5\n0.2,2,0,2,0\n"
+    )
+    words = ("--vehicle", tmp_path / "car.yaml", "-o", tmp_path / "v.csv")
+    code, out, _ = run("velocities", tmp_path / "w.csv", *words)
+    assert code == 0
+    assert "3 of 3 rows" in out
+    table = np.genfromtxt(tmp_path / "v.csv", delimiter=",", names=True)
+    assert table["vx"] == pytest.approx([np.cos(0.5), np.cos(0.5), 2.0])
+    assert table["vy"] == pytest.approx([np.sin(0.5), np.sin(0.5), 0.0])
+
+
+def test_a_missing_wheel_is_named(run, tmp_path):
+    (tmp_path / "car.yaml").write_text(VEHICLE)
+    (tmp_path / "w.csv").write_text("t,speed_fl,steer_fl\n0,1,0\n1,1,0\n")
+    words = ("--vehicle", tmp_path / "car.yaml", "-o", tmp_path / "v.csv")
+    code, _, err = run("velocities", tmp_path / "w.csv", *words)
+    assert code == 2
+    assert "fr" in one_line(err)
+
+
+GOOD_V = "t,vx,vy\n" + "".join(f"{0.1 * i:.1f},1,{np.sin(i):.3f}\n" for i in range(60))
+GOOD_H = "t,vx,vy,vz\n" + "".join(
+    f"{0.1 * i:.1f},{np.sin(i / 9):.9f},0,{np.cos(i / 9):.9f}\n" for i in range(60)
+)
+
+BAD = {
+    "empty": ("", GOOD_V, "is empty"),
+    "no rows": ("t,vx,vy,vz\n", GOOD_V, "no row below its header"),
+    "one row": ("t,vx,vy,vz\n0,1,0,0\n", GOOD_V, "one row below its header"),
+    "wrong columns": ("time,vx,vy,vz\n0,1,0,0\n1,1,0,0\n", GOOD_V, "lacks the column.* t"),
+    "NaN": (GOOD_H.replace("\n0.1,", "\n0.1,nan").replace("nan0", "nan,0", 1), GOOD_V, "line 3"),
+    "text": (GOOD_H + "x,1,0,0\n", GOOD_V, "not a finite number"),
+    "unsorted": (GOOD_H + "1.0,1,0,0\n", GOOD_V, "goes back"),
+    "duplicate": (GOOD_H + "5.9,1,0,0\n", GOOD_V, "repeats"),
+    "not unit": (GOOD_H + "6.0,2,0,0\n", GOOD_V, "length 2, not 1"),
+    "zero heading": (GOOD_H + "6.0,0,0,0\n", GOOD_V, "length 0, not 1"),
+    "mixed units": (GOOD_H, GOOD_V + "6.0,400,0\n", "400 m/s"),
+    "standing": (GOOD_H, "t,vx,vy\n0,0,0\n1,0,0\n2,0,0\n", "does not move"),
+    "milliseconds": (GOOD_H, "t,vx,vy\n0,1,0\n20,1,0.1\n40,1,0\n", "in seconds"),
+    "no overlap": (GOOD_H, re.sub(r"\n(?=\d)", "\n9", GOOD_V), "do not overlap"),
+    "binary": ("\x00\xff\x00", GOOD_V, "not a CSV text file|lacks the column"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_bad_input_is_one_clear_line_and_exit_code_2(run, tmp_path, name):
+    h, v, message = BAD[name]
+    (tmp_path / "h.csv").write_text(h, encoding="latin-1")
+    (tmp_path / "v.csv").write_text(v)
+    code, out, err = run("align", tmp_path / "h.csv", tmp_path / "v.csv")
+    assert code == 2
+    assert out == ""
+
+    assert re.search(message, one_line(err))
+
+
+def test_all_parallel_directions_name_the_unknown_axis(run, tmp_path):
+    (tmp_path / "h.csv").write_text(
+        "t,vx,vy,vz\n" + "".join(f"{i / 10},0,0,1\n" for i in range(60))
+    )
+    (tmp_path / "v.csv").write_text("t,vx,vy\n" + "".join(f"{i / 10},1,0\n" for i in range(60)))
+    code, out, _ = run("align", tmp_path / "h.csv", tmp_path / "v.csv")
+    assert code == 3
+    assert "rotation about the body's forward axis is unknown" in out
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("align",),
+        ("align", "h.csv"),
+        ("align", "a.csv", "b.csv", "--max-offset", "many"),
+        ("align", "missing.csv", "missing.csv"),
+        ("align", "missing.npz"),
+        ("export", "missing.yaml", "--to", "urdf"),
+        ("nosuch",),
+    ],
+    ids=" ".join,
+)
+def test_wrong_usage_is_one_line_and_exit_code_2(run, words):
+    code, out, err = run(*words)
+    assert code == 2
+    assert out == ""
+    one_line(err)
+
+
+def test_unknown_methods_are_refused_with_the_choices(run, tmp_path):
+    write_drive(tmp_path, s_curve(10))
+    words = ("align", tmp_path / "h.csv", tmp_path / "v.csv", "--offset-method", "magic")
+    code, _, err = run(*words)
+    assert code == 2
+    assert "profile, trace, canonical, scalar, none" in one_line(err)
+
+
+def test_an_output_folder_that_cannot_be_made_is_refused(run, tmp_path):
+    write_drive(tmp_path, s_curve(10))
+    (tmp_path / "file").write_text("")
+    words = ("align", tmp_path / "h.csv", tmp_path / "v.csv", "-o", tmp_path / "file" / "o")
+    code, _, err = run(*words)
+    assert code == 2
+    assert "cannot make the folder" in one_line(err)
+
+
+@pytest.mark.parametrize("form", ["kalibr", "ros-tf", "urdf"])
+def test_export_goes_from_file_to_file(run, tmp_path, form):
+    write_drive(tmp_path, s_curve(10))
+    run("align", tmp_path / "h.csv", tmp_path / "v.csv", "-o", tmp_path / "o")
+    source = tmp_path / "o" / "calibration.yaml"
+    code, out, _ = run("export", source, "--to", form)
+    assert code == 0
+    assert run("export", source, "--to", form, "-o", tmp_path / "x")[0] == 0
+    assert (tmp_path / "x").read_text() == out
+
+
+def test_demo_finds_the_truth(run):
+    code, out, _ = run("demo")
+    assert code == 0
+    assert "true +0.1370 s" in out
+
+
+def test_headings_of_a_real_recording_point_to_the_truth(run, data, tmp_path):
+    folder = data / "slider_depth"
+    words = ("--camera", folder / "calib.txt", "--size", "240x180", "-o", tmp_path / "h.csv")
+    code, out, _ = run("headings", folder / "events.txt.gz", *words)
+    assert code == 0
+    assert "532434 events" in out
+    table = np.genfromtxt(tmp_path / "h.csv", delimiter=",", names=True)
+    assert np.median(table["vx"][table["t"] > 0.2]) > np.cos(np.radians(2))
+
+
+def test_importing_evcalib_pulls_in_neither_plots_nor_notebooks():
+    heavy = "('matplotlib', 'IPython', 'ipywidgets', 'jupyterlab')"
+    code = f"import sys, evcalib, evcalib.cli; sys.exit(any(m in sys.modules for m in {heavy}))"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_the_library_runs_without_matplotlib():
+    code = "import sys, evcalib; evcalib.align; sys.exit('matplotlib' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
