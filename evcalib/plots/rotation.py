@@ -1,0 +1,77 @@
+"""Directions and their residuals on the sphere, and the weight that each residual gets."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from numpy.typing import NDArray
+
+from evcalib.geometry import angle_between
+from evcalib.plots import style
+from evcalib.rotation import RotationEstimate
+
+Floats = NDArray[np.float64]
+
+GATE = 3.0
+"""Residuals within this many standard deviations count as inliers, as in `plots.alignment`."""
+
+TOP = 3.0
+"""Highest relative weight that is drawn in its place."""
+
+
+def draw_map(ax: Axes, e: Floats, d: Floats, estimate: RotationEstimate) -> None:
+    """Draw headings, turned by an estimate, and body directions on a map of the sphere.
+
+    The map has forward in its middle and left on its left, as one sees it from inside.  A grey
+    line joins each heading with the body direction that it belongs to: its residual.
+
+    Parameters
+    ----------
+    ax : Axes
+        Axes of a projection of the whole sphere, such as ``"hammer"``.
+    e, d : ndarray, shape (n, 3)
+        Paired headings and body directions.
+    estimate : RotationEstimate
+        The rotation.
+    """
+    turned, inlier = e @ estimate.R_body_cam.T, _inlier(e, d, estimate)
+    x, y = np.stack([_on_map(turned), _on_map(d)], axis=-1)
+    near = np.abs(np.diff(x, axis=1)[:, 0]) < np.pi
+    ax.plot(x[near].T, y[near].T, color=style.MUTED, lw=0.4)
+    for mask, color, name in (
+        (inlier, style.INLIER, "headings, turned: inliers"),
+        (~inlier, style.OUTLIER, "outliers"),
+    ):
+        ax.plot(x[mask, 0], y[mask, 0], ".", ms=4, color=color, label=name)
+    ax.plot(x[:, 1], y[:, 1], ".", ms=5, color=style.BODY, label="body directions")
+    ax.set_xticks(np.pi / 2 * np.array([-1, 0, 1]), [])
+    for place, name in ((0.25, "left"), (0.5, "forward"), (0.75, "right")):
+        ax.text(place, -0.12, name, transform=ax.transAxes, ha="center")
+    ax.set_yticks(np.radians([-60, -30, 0, 30, 60]))
+
+
+def draw_weights(ax: Axes, e: Floats, d: Floats, estimate: RotationEstimate) -> None:
+    """Draw the weight of each pair, relative to the median inlier, over its residual angle.
+
+    Weights above `TOP` are drawn at `TOP`.
+    """
+    angle = np.degrees(angle_between(e @ estimate.R_body_cam.T, d))
+    inlier, weight = _inlier(e, d, estimate), estimate.weight
+    usual = weight[inlier & (weight > 0)]
+    relative = weight / (np.median(usual) if usual.size else weight.max(initial=1e-300))
+    for mask, color in ((inlier, style.INLIER), (~inlier, style.OUTLIER)):
+        ax.plot(angle[mask], np.minimum(relative[mask], TOP), ".", ms=5, color=color)
+    ax.set_xlim(0.0, 180.0)
+    ax.set_xticks(np.arange(0, 181, 45))
+    ax.set_ylim(-0.1, TOP + 0.1)
+    style.label(ax, "residual angle [deg]", "weight, median inlier = 1 [-]")
+
+
+def _inlier(e: Floats, d: Floats, estimate: RotationEstimate) -> NDArray[np.bool_]:
+    angle = angle_between(e @ estimate.R_body_cam.T, d)
+    return np.asarray(angle <= GATE * estimate.sigma)
+
+
+def _on_map(v: Floats) -> tuple[Floats, Floats]:
+    """Return longitude, growing to the right, and latitude of directions [rad]."""
+    return -np.arctan2(v[:, 1], v[:, 0]), np.arctan2(v[:, 2], np.hypot(v[:, 0], v[:, 1]))
