@@ -82,13 +82,16 @@ def estimate_rotation(
     Raises
     ------
     InputError
-        If shapes differ, fewer than two pairs are given, or the method is unknown.
+        If shapes differ, a weight is negative, fewer than two pairs are given, or the method is
+        unknown.
     """
     _check.one_of(method, "rotation_method", METHODS)
     e = _check.floats(e, "headings", (None, 3))
     d = _check.floats(d, "directions", (len(e), 3))
     w = np.ones(len(e)) if weight is None else _check.floats(weight, "weight", (len(e),))
-    if np.count_nonzero(w > 0) < 2:
+    if (w < 0).any():
+        raise InputError(f"weight is negative in row {int(np.argmax(w < 0))}")
+    if np.count_nonzero(w) < 2:
         raise InputError("a rotation needs at least two pairs of directions with weight")
     return _ESTIMATORS[method](e, d, w * (len(w) / w.sum()))
 
