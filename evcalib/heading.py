@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,96 +20,24 @@ from evcalib._heading_fit import (
     fit,
     match_keyframes,
 )
+from evcalib._heading_result import Correspondences, Gap, HeadingEstimate, joined, series
 from evcalib._keyframes import Counts, Keyframe, KeyframeMaker
 from evcalib.camera import Camera
 from evcalib.errors import InputError
 from evcalib.events import Events
-from evcalib.series import HeadingSeries
 from evcalib.surfaces import SURFACES
 
-Floats = NDArray[np.float64]
+__all__ = [
+    "Correspondences",
+    "Counts",
+    "Gap",
+    "HeadingEstimate",
+    "HeadingEstimator",
+    "estimate_headings",
+]
 
 REACH = 0.25
 """Matches are sought over displacements of up to this part of the sensor's width."""
-
-
-@dataclass(frozen=True)
-class Gap:
-    """A window without heading.
-
-    Attributes
-    ----------
-    t : float
-        Middle of the window [s].
-    reason : str
-        Why there is none.
-    """
-
-    t: float
-    reason: str
-
-
-@dataclass(frozen=True, eq=False)
-class Correspondences:
-    """Matches behind the headings.  Every keyframe pair appears once.
-
-    Attributes
-    ----------
-    r1, r2 : ndarray, shape (n, 3)
-        Unit bearings in the camera frame.
-    t1, t2 : ndarray, shape (n,)
-        Times of the corners themselves [s].
-    inlier : ndarray of bool, shape (n,)
-        Whether they agree with one direction over all spans of their window.
-    pair : ndarray of int64, shape (n,)
-        Number of the keyframe pair, from 0.
-    heading : ndarray of int64, shape (n,)
-        Row of the heading.
-    """
-
-    r1: Floats
-    r2: Floats
-    t1: Floats
-    t2: Floats
-    inlier: NDArray[np.bool_]
-    pair: NDArray[np.int64]
-    heading: NDArray[np.int64]
-
-    def __len__(self) -> int:
-        return int(self.t1.size)
-
-
-@dataclass(frozen=True, eq=False)
-class HeadingEstimate:
-    """Headings of a recording and what became of the rest.
-
-    Attributes
-    ----------
-    headings : HeadingSeries
-        One row per heading found.  `t`, `t_start` and `t_end` are the mean middle, start and end
-        of its own inliers, weighted by squared displacement; `sd` is per tangent axis [rad];
-        `weight` is 1 / sd^2.
-    covariance : ndarray, shape (n, 3, 3)
-        Of each direction [rad^2].
-    gaps : tuple of Gap
-        The windows without heading, and why.
-    counts : Counts
-        Events, corners, keypoints and what was left out of them.
-    correspondences : Correspondences or None
-        Where asked for.
-    """
-
-    headings: HeadingSeries
-    covariance: Floats
-    gaps: tuple[Gap, ...]
-    counts: Counts
-    correspondences: Correspondences | None = None
-
-    @property
-    def found(self) -> float:
-        """Share of windows with a heading; 0 without windows."""
-        n = len(self.headings)
-        return n / max(n + len(self.gaps), 1)
 
 
 class HeadingEstimator:
@@ -196,20 +123,9 @@ class HeadingEstimator:
                 " longer"
             )
         self._drain()
-        fits = self._fits
-        sd = np.array([f.translation.sd for f in fits])
-        headings = HeadingSeries(
-            t=np.array([f.t for f in fits]),
-            v=np.array([f.translation.direction for f in fits]).reshape(-1, 3),
-            t_start=np.array([f.t_start for f in fits]),
-            t_end=np.array([f.t_end for f in fits]),
-            weight=1.0 / sd**2,
-            sd=sd,
-            inliers=np.array([float(f.inliers) for f in fits]),
-        )
-        covariance = np.array([f.translation.covariance for f in fits]).reshape(-1, 3, 3)
-        kept = _correspondences(self._kept) if self._keep else None
-        return HeadingEstimate(headings, covariance, tuple(self._gaps), counts, kept)
+        covariance = np.array([f.translation.covariance for f in self._fits]).reshape(-1, 3, 3)
+        kept = joined(self._kept) if self._keep else None
+        return HeadingEstimate(series(self._fits), covariance, tuple(self._gaps), counts, kept)
 
     def _drain(self) -> None:
         """Close the windows that wait for keyframes that will not come."""
@@ -354,22 +270,3 @@ def estimate_headings(
     for piece in [events] if isinstance(events, Events) else events:
         estimator.update(piece)
     return estimator.finish()
-
-
-def _correspondences(kept: list[tuple[Matches, NDArray[np.bool_]]]) -> Correspondences:
-    """Join the matches of all headings."""
-    if not kept:
-        none = np.empty(0)
-        rows = np.empty((0, 3))
-        whole = np.empty(0, dtype=np.int64)
-        return Correspondences(rows, rows, none, none, whole > 0, whole, whole)
-    matches = Matches.pooled([m for m, _ in kept])
-    return Correspondences(
-        r1=matches.r1,
-        r2=matches.r2,
-        t1=matches.t1,
-        t2=matches.t2,
-        inlier=np.concatenate([inliers for _, inliers in kept]),
-        pair=np.unique(matches.pair, return_inverse=True)[1].astype(np.int64),
-        heading=np.repeat(np.arange(len(kept)), [len(m) for m, _ in kept]),
-    )
