@@ -170,17 +170,11 @@ def demo(
     """Calibrate a simulated drive and compare with the truth."""
     import numpy as np
 
-    from data_tools.motion import Noise, s_curve, simulate
+    from data_tools.demo import demo_streams
     from evcalib.calibration import align as run
     from evcalib.geometry import rotation_angle
 
-    streams = simulate(
-        s_curve(20.0, amplitude=np.radians(45), period=6.0),
-        np.random.default_rng(seed),
-        offset=0.137,
-        heading_noise=Noise(0.05, rho=0.5, outliers=0.1),
-        velocity_noise=Noise(0.02),
-    )
+    streams = demo_streams(seed)
     calibration = run(streams.headings, streams.velocities)
     _report(calibration, output, as_json, true=streams.offset, exit_after=False)
     if not as_json:
