@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evcalib.camera import Camera
-from evcalib.corners import ArcStar
+from evcalib.corners import DETECTORS
 from evcalib.errors import InputError
 from evcalib.events import Events
 from evcalib.features import KeypointFinder, Keypoints, brief_pattern, match
@@ -106,14 +106,14 @@ class BearingTable:
 class KeyframeMaker:
     """Makes a keyframe at every multiple of the step that the stream passes."""
 
-    def __init__(self, camera: Camera, surface: str, rate: float, seed: int) -> None:
+    def __init__(self, camera: Camera, detector: str, surface: str, rate: float, seed: int) -> None:
         width, height = camera.width, camera.height
         self.counts = Counts()
         self.step = round(1e6 / rate) * 1e-6
         self._camera = camera
         self._step_us = round(1e6 / rate)
         self._bearings = BearingTable(camera)
-        self._detector = ArcStar(width, height)
+        self._detector = DETECTORS[detector](width, height)
         self._surface = SURFACES[surface](width, height, polarity="merged")
         self._finder = KeypointFinder(
             width, height, reach=REACH_PX, pattern=brief_pattern(seed=seed)

@@ -23,11 +23,13 @@ from evcalib._heading_fit import (
 from evcalib._heading_result import Correspondences, Gap, HeadingEstimate, joined, series
 from evcalib._keyframes import Counts, Keyframe, KeyframeMaker
 from evcalib.camera import Camera
+from evcalib.corners import DETECTORS
 from evcalib.errors import InputError
 from evcalib.events import Events
 from evcalib.surfaces import SURFACES
 
 __all__ = [
+    "SOLVERS",
     "Correspondences",
     "Counts",
     "Gap",
@@ -52,6 +54,7 @@ class HeadingEstimator:
         camera: Camera,
         *,
         surface: str = "tos_ts",
+        detector: str = "arc_star",
         solver: str = "two_point",
         rate: float = 20.0,
         max_baseline: float = 0.7,
@@ -63,6 +66,7 @@ class HeadingEstimator:
         keep_correspondences: bool = False,
     ) -> None:
         _check.one_of(surface, "surface", tuple(SURFACES))
+        _check.one_of(detector, "detector", tuple(DETECTORS))
         _check.one_of(solver, "solver", SOLVERS)
         rate = _check.positive(rate, "rate", "hertz")
         if not 0.1 <= rate <= 1000:
@@ -82,7 +86,7 @@ class HeadingEstimator:
             enough_sd=np.deg2rad(_check.positive(enough_sd, "enough_sd", "degrees")),
             seed=int(seed),
         )
-        self._maker = KeyframeMaker(camera, surface, rate, seed)
+        self._maker = KeyframeMaker(camera, detector, surface, rate, seed)
         self._reach = REACH * camera.width
         self._steps = steps
         self._lag = steps // 2 + 1
@@ -189,6 +193,7 @@ def estimate_headings(
     camera: Camera,
     *,
     surface: str = "tos_ts",
+    detector: str = "arc_star",
     solver: str = "two_point",
     rate: float = 20.0,
     max_baseline: float = 0.7,
@@ -215,6 +220,8 @@ def estimate_headings(
         Calibrated for the size of the events.
     surface : {"tos_ts", "tos", "ts", "silc", "dist"}
         Where keypoints are described, polarities merged.
+    detector : {"arc_star", "harris"}
+        Which events are corners: see `evcalib.corners`.
     solver : {"two_point", "five_point"}
         A camera that does not turn, over all pairs; or the essential matrix of the one pair of
         most displacement, as in the paper.
@@ -255,6 +262,7 @@ def estimate_headings(
     estimator = HeadingEstimator(
         camera,
         surface=surface,
+        detector=detector,
         solver=solver,
         rate=rate,
         max_baseline=max_baseline,

@@ -1,16 +1,19 @@
 """Corner detectors against their plain twins, the authors' flags, and cases drawn by hand."""
 
-import gzip
+from itertools import pairwise
 
+import cv2
 import naive_corners as naive
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from evcalib.corners import ArcStar, arc_star
+from data_tools.events_text import load_events_text
+from evcalib.corners import ArcStar, TosHarris, arc_star
 from evcalib.errors import InputError
 from evcalib.events import Events
+from evcalib.surfaces import tos
 
 
 def random_events(seed, n, width, height, longest_us):
@@ -18,14 +21,6 @@ def random_events(seed, n, width, height, longest_us):
     t = np.cumsum(rng.integers(0, longest_us + 1, n))
     x, y = rng.integers(0, width, n), rng.integers(0, height, n)
     return Events.from_arrays(x, y, t, rng.random(n) < 0.5, width, height)
-
-
-def slider(data, width, height):
-    with gzip.open(data / "slider_depth" / "events.txt.gz") as file:
-        rows = np.loadtxt(file)
-    t = np.rint(rows[:, 0] * 1e6).astype(np.int64)
-    x, y, p = rows[:, 1:].astype(np.int64).T
-    return Events.from_arrays(x, y, t, p, width, height)
 
 
 def twin(events):
@@ -90,7 +85,7 @@ def test_chunks_equal_the_twin_at_exact_filter_times(rows, cut):
 
 def test_every_flag_equals_the_authors_on_a_real_recording(data):
     packed = np.load(data / "golden" / "arc_star_slider_depth.npy")
-    events = slider(data, 346, 260)
+    events = load_events_text(data / "slider_depth" / "events.txt.gz", 346, 260)
     golden = np.unpackbits(packed)[: len(events)].astype(bool)
     assert golden.sum() == 42_723
     assert np.array_equal(arc_star(events), golden)
@@ -133,3 +128,58 @@ def test_stale_or_foreign_events_are_refused():
     with pytest.raises(InputError, match="filter_us"):
         ArcStar(30, 20, filter_us=-1)
     assert arc_star(Events.empty(20, 20)).shape == (0,)
+
+
+def plain_tos_harris(events, period_us):
+    """Look each event up in the response of the surface at the start of its period."""
+    flags = []
+    for k in range(len(events)):
+        t = int(events.t[k])
+        first = int(np.searchsorted(events.t, t // period_us * period_us))
+        if first == 0:
+            surface = np.zeros(events.shape, np.float32)
+        else:
+            surface = tos(events[:first]).astype(np.float32)
+        response = cv2.cornerHarris(surface, 7, 5, 0.04)
+        flags.append(response[events.y[k], events.x[k]] > max(0.1 * response.max(), 0))
+    return np.array(flags, dtype=bool)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_harris_flags_equal_the_twin_in_pieces_of_any_size(seed):
+    events = fronts(seed, 25, 18, 30)[:1500]
+    expected = plain_tos_harris(events, 1000)
+    assert expected.sum() > 20
+    detector = TosHarris(25, 18, period_us=1000)
+    cuts = [0, 7, 500, 500, 900, len(events)]
+    flags = [detector.update(events[a:b]) for a, b in pairwise(cuts)]
+    assert np.array_equal(np.concatenate(flags), expected)
+
+
+def test_harris_finds_the_corners_of_a_square_and_not_its_sides():
+    side = [(10 + k, 10) for k in range(31)]
+    square = [
+        *side,
+        *((x, 40) for x, _ in side),
+        *((y, x) for x, y in side),
+        *((40, x) for x, _ in side),
+    ]
+    x, y = np.array(square).T
+    before = Events.from_arrays(x, y, np.zeros(len(x), int), np.ones(len(x), bool), 51, 51)
+    again = Events.from_arrays(x, y, np.full(len(x), 9000), np.ones(len(x), bool), 51, 51)
+    detector = TosHarris(51, 51)
+    assert not detector.update(before).any()
+    flags = detector.update(again)
+    corners = np.array([(10, 10), (10, 40), (40, 10), (40, 40)])
+    near = np.abs(np.column_stack((x, y))[:, None] - corners).max(axis=2).min(axis=1)
+    assert flags[near == 0].all()
+    assert not flags[near > 6].any()
+
+
+def test_unusable_options_of_harris_are_refused():
+    for option in ({"period_us": 0}, {"period_us": 0.5}, {"share": 1}, {"block": 0}):
+        with pytest.raises(InputError, match=next(iter(option))):
+            TosHarris(20, 20, **option)
+    with pytest.raises(InputError, match="do not fit"):
+        TosHarris(30, 20).update(random_events(0, 50, 20, 20, 100))
+    assert TosHarris(20, 20).update(Events.empty(20, 20)).shape == (0,)

@@ -84,6 +84,12 @@ def test_every_surface_finds_the_real_direction(slider, surface):
     assert found >= 0.8
 
 
+def test_harris_corners_find_the_real_direction(slider):
+    off, found = errors(estimate_headings(*slider, detector="harris"), (1, 0, 0), 0.2)
+    assert np.median(off) <= 1.5
+    assert found >= 0.8
+
+
 def test_five_points_find_the_real_direction_roughly(slider):
     off, _ = errors(estimate_headings(*slider, solver="five_point"), (1, 0, 0), 0.2)
     assert len(off) >= 5
@@ -272,6 +278,7 @@ def test_unusable_streams_are_refused(sideways):
     "option",
     [
         {"surface": "sae"},
+        {"detector": "fast"},
         {"solver": "eight_point"},
         {"rate": 0},
         {"rate": np.nan},
