@@ -439,14 +439,15 @@ def _scalar_curve(
 
 
 def _turn_rate(t: Floats, v: Floats, half: float) -> tuple[Floats, Floats]:
-    """Return the change of the mean direction from [t - 2 half, t] to [t, t + 2 half]."""
+    """Return the change of the mean direction from [t - 2 half, t) to (t, t + 2 half]."""
     total = np.vstack([np.zeros(3), np.cumsum(v, axis=0)])
     here = np.searchsorted(t, t)
-    left, right = np.searchsorted(t, t - 2 * half), np.searchsorted(t, t + 2 * half)
-    enough = (here - left >= 2) & (right - here >= 2)
+    left, right = np.searchsorted(t, t - 2 * half), np.searchsorted(t, t + 2 * half, side="right")
+    enough = (here - left >= 2) & (right - here > 2)
     enough &= (t - 2 * half >= t[0]) & (t + 2 * half <= t[-1])
     before = (total[here] - total[left])[enough] / (here - left)[enough, None]
-    after = (total[right] - total[here])[enough] / (right - here)[enough, None]
+    # The heading at t itself is in neither mean: in one, it would shift times by half a step.
+    after = (total[right] - total[here + 1])[enough] / (right - here - 1)[enough, None]
     return t[enough], np.linalg.norm(after - before, axis=1)
 
 
