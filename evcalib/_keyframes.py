@@ -25,8 +25,8 @@ REACH_PX = 4
 SHORTEST, LONGEST = 0.03, 0.12
 """Bounds of the time over which corner events are gathered [s]."""
 
-GRID_PX = 4
-"""Bearings are bilinear between pixels this far apart, which costs 0.01 px at most."""
+GRID_PX = 2
+"""Bearings are bilinear between pixels this far apart, which costs less than 0.01 px."""
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from data_tools.events_text import load_events_text
 from data_tools.scenes import furnished_room
 from data_tools.simulator import Simulator, simulate_translation
 from data_tools.trajectory import Trajectory
+from evcalib._keyframes import BearingTable
 from evcalib.camera import Camera
 from evcalib.errors import InputError
 from evcalib.events import Events
@@ -136,6 +137,31 @@ def test_a_simulated_turn_has_no_heading(rate):
     estimate = estimate_headings(simulator.run().events, SMALL)
     assert len(estimate.headings) == 0
     assert "no parallax" in " ".join(gap.reason for gap in estimate.gaps)
+
+
+@pytest.mark.parametrize(
+    "camera",
+    [
+        Camera(240, 180, 199.1, 198.8, 132.2, 110.7, (-0.368, 0.151, -3e-4, -7.6e-4, 0.0)),
+        Camera(346, 260, 130.0, 131.0, 170.0, 128.0, (-0.02, 0.01, 0.0, 0.0), "fisheye"),
+        Camera(1, 1, 50.0, 50.0, 0.0, 0.0),
+        Camera(6, 3, 50.0, 50.0, 2.5, 1.0),
+    ],
+)
+def test_bearings_between_the_nodes_of_the_table_are_exact_to_a_hundredth_of_a_pixel(camera):
+    rng = np.random.default_rng(0)
+    xy = rng.uniform(0, (camera.width - 1, camera.height - 1), (2000, 2))
+    xy = np.vstack((xy, [0, 0], [camera.width - 1, camera.height - 1]))
+    off = angle_between(BearingTable(camera)(xy), camera.bearings(xy))
+    assert off.max() * camera.fx < 0.01
+
+
+def test_corners_that_the_lens_cannot_map_are_counted(sideways):
+    # The distortion turns back 102 px from the centre.
+    lens = Camera(346, 260, 250.0, 250.0, 172.5, 129.5, (-0.9, 0.0, 0.0, 0.0))
+    estimate = estimate_headings(sideways, lens, keep_correspondences=True)
+    assert estimate.counts.unseen > 500
+    assert np.isfinite(estimate.correspondences.r1).all()
 
 
 def test_pieces_of_any_size_give_the_same(sideways):
