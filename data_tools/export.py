@@ -12,10 +12,10 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from evcalib.calibration import Calibration
 from evcalib.errors import InputError
 from evcalib.geometry import matrix_to_quaternion, matrix_to_rpy, quaternion_to_matrix
 from evcalib.geometry import rpy_to_matrix as rpy_matrix
+from evcalib.results import Calibration
 
 Floats = NDArray[np.float64]
 

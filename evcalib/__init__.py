@@ -20,11 +20,12 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from evcalib.calibration import Calibration, align
+    from evcalib.calibration import align
     from evcalib.camera import Camera
     from evcalib.errors import EvcalibError, InputError
     from evcalib.events import Events
     from evcalib.heading import estimate_headings
+    from evcalib.results import Calibration
     from evcalib.series import HeadingSeries, VelocitySeries
 
 __version__ = "0.1.0"
@@ -42,7 +43,7 @@ __all__ = [
 ]
 
 _HOMES = {
-    "Calibration": "calibration",
+    "Calibration": "results",
     "Camera": "camera",
     "EvcalibError": "errors",
     "Events": "events",

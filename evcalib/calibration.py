@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,14 +10,12 @@ from numpy.typing import NDArray
 from evcalib import _check, uncertainty
 from evcalib.bootstrap import bootstrap
 from evcalib.errors import InputError
-from evcalib.geometry import rotation_angle
 from evcalib.observability import (
     FOLLOW_GATE,
     HEADING_BIAS,
     MAX_ROTATION_SD,
     RATE_GATE,
     DirectionSpread,
-    coloured_noise,
     direction_spread,
     heading_rate_test,
     steady_turning,
@@ -30,165 +27,21 @@ from evcalib.offset import (
     candidate_offsets,
     find_offset,
     inliers_at,
-    no_overlap,
     plausible_offsets,
     preference,
     refine_offset,
-    weights,
 )
-from evcalib.rotation import (
-    METHODS as ROTATION_METHODS,
-)
-from evcalib.rotation import (
-    Mixture,
-    estimate_rotation,
-    fit_mixture,
-    kabsch,
-    misfits,
-    tukey_reach,
-)
+from evcalib.results import Calibration, Diagnostics
+from evcalib.rotation import METHODS as ROTATION_METHODS
 from evcalib.series import HeadingSeries, VelocitySeries
+from evcalib.solution import MIN_PAIRS, Solution, has_sharp_turns, rotation_change
 from evcalib.track import VelocityTrack, intervals, velocity_track
-from evcalib.verdict import Verdict, judge
+from evcalib.verdict import judge
 
 Floats = NDArray[np.float64]
 
-MIN_PAIRS = 6
-"""Fewest headings that a calibration can rest on."""
-
-RATE_STEP = 0.2
-"""Half step [s] of the secant that stands for the derivative of the body direction; noise of the
-odometry would pass for turning in a shorter one."""
-
-SHARP = 1.3
-"""Ratio of turning rates over 0.1 s and 0.4 s from which turns count as instant."""
-
-
-@dataclass(frozen=True, eq=False)
-class Diagnostics:
-    """What the verdict rests on.
-
-    Attributes
-    ----------
-    heading_rate_z : float
-        Variation of the body's heading rate in standard deviations.
-    follows_z : float
-        Standard errors by which the headings prefer the real track to one that turns steadily.
-    spread : DirectionSpread
-        Spread of the body directions.
-    mixture : Mixture
-        Noise of the headings per tangent axis [rad], and shares of inliers, flips and outliers.
-    noise : uncertainty.NoiseModel
-        Correlation of the residuals over time.
-    independent_headings : float
-        Effective number of independent headings.
-    second_peak_ratio : float
-        Height of the curve's second peak over the first.
-    plausible : ndarray, shape (k,)
-        Offsets [s] on the grid that the data cannot tell from the best one.
-    offset_matters : float
-        Largest change of the rotation [rad] over the plausible offsets.
-    offset_sensitivity : float
-        Change of the rotation per second of offset [rad/s].
-    at_edge : bool
-        Whether the best offset lies on the border of the search.
-    sharp_turns : bool
-        Whether the motion has instant turns, so that errors are bootstrapped.
-    """
-
-    heading_rate_z: float
-    follows_z: float
-    spread: DirectionSpread
-    mixture: Mixture
-    noise: uncertainty.NoiseModel
-    independent_headings: float
-    second_peak_ratio: float
-    plausible: Floats
-    offset_matters: float
-    offset_sensitivity: float
-    at_edge: bool
-    sharp_turns: bool
-
-
-@dataclass(frozen=True, eq=False)
-class Residuals:
-    """Headings against body directions after the calibration.
-
-    Attributes
-    ----------
-    t : ndarray, shape (n,)
-        Times [s] on the camera clock.
-    turned, direction : ndarray, shape (n, 3)
-        Headings in the body frame, and the body directions at the same instants.
-    angle : ndarray, shape (n,)
-        Angle between the two [rad].
-    weight : ndarray, shape (n,)
-        Final weight in the rotation.
-    """
-
-    t: Floats
-    turned: Floats
-    direction: Floats
-    angle: Floats
-    weight: Floats
-
-
-@dataclass(frozen=True, eq=False)
-class Calibration:
-    """Offset and rotation between camera and body, with uncertainty and verdict.
-
-    Attributes
-    ----------
-    R_body_cam : ndarray, shape (3, 3)
-        ``v_body = R_body_cam @ v_cam``.
-    offset : float
-        ``t_body = t_cam + offset`` [s]; where it is not observable, the one given (or 0).
-    offset_sd : float
-        Standard deviation of the offset [s].
-    offset_interval : tuple of (float, float)
-        95 % interval of the offset [s].
-    offset_observable : bool
-        Whether the motion determines the offset.
-    rotation_sd : float
-        Root mean square angle [rad] expected of the rotation's error.
-    rotation_covariance : ndarray, shape (3, 3)
-        Covariance of the rotation vector in the body frame [rad^2].
-    rotation_radius : float
-        Angle [rad] that the rotation's error stays below with 95 % probability.
-    rotation_observable : bool
-        Whether the rotation is determined: by the motion, or given the offset by the user.
-    unknown_axis : ndarray, shape (3,), optional
-        Body axis about which the rotation is not known.
-    inlier_share : float
-        Share of the headings that agree with the calibration.
-    curve : OffsetCurve, optional
-        Score over the candidate offsets; None with ``offset_method="none"``.
-    residuals : Residuals
-        Headings against body directions.
-    diagnostics : Diagnostics
-        What the verdict rests on.
-    verdict : Verdict
-        The same in words.
-    settings : dict
-        Parameters of the call.
-    """
-
-    R_body_cam: Floats
-    offset: float
-    offset_sd: float
-    offset_interval: tuple[float, float]
-    offset_observable: bool
-    rotation_sd: float
-    rotation_covariance: Floats
-    rotation_radius: float
-    rotation_observable: bool
-    unknown_axis: Floats | None
-    inlier_share: float
-    curve: OffsetCurve | None
-    residuals: Residuals
-    diagnostics: Diagnostics
-    verdict: Verdict
-    settings: dict[str, Any] = field(default_factory=dict)
+SINGLE = 8.0
+"""Plausible offsets within so many standard deviations of the best one are one answer, not two."""
 
 
 def align(
@@ -260,93 +113,59 @@ def align(
     track = velocity_track(
         velocities, max_gap=max_gap, min_speed=min_speed, hold=hold, smooth=smooth
     )
-    given = 0.0 if offset is None else float(offset)
-
-    curve, refined = _search(headings, track, offset_method, max_offset, given)
-    found = _Solution.at(headings, track, refined.offset, rotation_method)
-    offsets = candidate_offsets(max_offset)
-    inflation = found.covariance.noise.inflation(found.t)
-    mask = plausible_offsets(headings, track, offsets, refined, inflation=inflation)
-
-    part = _covered(headings, refined.offset)
-    test = heading_rate_test(track, *part)
-    steady = steady_turning(track, *part)
-    follows = preference(headings, track, steady, refined, inflation=inflation)
-    offset_sd = float(np.sqrt(found.covariance.full[3, 3]))
-    at_edge = curve is not None and curve.at_edge
-    plausible = offsets[mask]
-    observable = (
-        curve is not None
-        and not at_edge
-        and refined.curvature < 0
-        and test >= RATE_GATE
-        and follows >= FOLLOW_GATE
-        and offset_sd < max_offset / 4
-        and _single(plausible, refined.offset, 8 * offset_sd + 0.05)
-    )
-
-    sharp = _has_sharp_turns(track, found, refined.offset)
-    solution = found if observable else _Solution.at(headings, track, given, rotation_method)
-    matters = 0.0
-    if not observable:
-        matters = _rotation_change(track, headings, solution, given, plausible)
-    covariance = solution.rotation_covariance(observable)
-    if observable and sharp:
+    curve, refined = _search(headings, track, offset_method, max_offset, offset or 0.0)
+    found = Solution.at(headings, track, refined.offset, rotation_method)
+    evidence = _weigh(headings, track, curve, refined, found, max_offset)
+    solution, used = found, refined.offset
+    if not evidence.observable:
+        solution, used = _fall_back(headings, track, found, refined, rotation_method, offset)
+    answer = _answer(headings, track, solution, used, evidence, offset)
+    if evidence.observable and evidence.sharp_turns:
         rng = np.random.default_rng(seed)
-        joint = bootstrap(headings, track, refined, found.covariance.noise, rng)
-        offset_sd = max(offset_sd, float(np.sqrt(joint[3, 3])))
-        covariance = np.where(
-            np.trace(joint[:3, :3]) > np.trace(covariance), joint[:3, :3], covariance
-        )
-    samples = solution.covariance.samples
-    spread = direction_spread(solution.direction, track)
-    fixed = matters <= max(np.radians(1.0), float(np.sqrt(np.trace(covariance))))
-    if not observable and offset is None and fixed:
-        # The change over the plausible offsets is a uniform error of its own.
-        covariance = covariance + np.eye(3) * matters**2 / 9
-    unknown = _unknown_axis(covariance, spread)
-    answered = unknown is None and (observable or fixed or offset is not None)
-    interval = _offset_interval(
-        observable, refined.offset, offset_sd, samples, plausible, max_offset
-    )
-    if not observable:
-        offset_sd = max(offset_sd, (interval[1] - interval[0]) / np.sqrt(12))
+        answer = answer.at_least(bootstrap(headings, track, refined, solution.noise, rng))
 
+    interval = _offset_interval(evidence, answer.offset_sd, solution.covariance.samples, max_offset)
+    if not evidence.observable:
+        answer.offset_sd = max(answer.offset_sd, (interval[1] - interval[0]) / np.sqrt(12))
     diagnostics = Diagnostics(
-        heading_rate_z=test,
-        follows_z=follows,
-        spread=spread,
+        heading_rate_z=evidence.heading_rate_z,
+        follows_z=evidence.follows_z,
+        spread=answer.spread,
         mixture=solution.mixture,
-        noise=solution.covariance.noise,
-        independent_headings=samples,
+        noise=solution.noise,
+        independent_headings=solution.covariance.samples,
         second_peak_ratio=0.0 if curve is None else curve.second_peak_ratio,
-        plausible=plausible,
-        offset_matters=matters,
+        plausible=evidence.plausible,
+        offset_matters=answer.offset_matters,
         offset_sensitivity=float(np.linalg.norm(solution.covariance.offset_sensitivity)),
-        at_edge=at_edge,
-        sharp_turns=sharp,
+        at_edge=evidence.at_edge,
+        sharp_turns=evidence.sharp_turns,
     )
     verdict = judge(
         diagnostics,
-        offset_observable=observable,
-        rotation_observable=answered,
-        offset_sd=offset_sd,
-        unknown_axis=unknown,
+        offset_observable=evidence.observable,
+        rotation_observable=answer.determined,
+        offset_sd=answer.offset_sd,
+        offset_interval=interval,
+        unknown_axis=answer.unknown_axis,
         searched=None if curve is None else max_offset,
         given=offset,
+        used=used,
         estimate=refined.offset,
     )
     return Calibration(
         R_body_cam=solution.R,
-        offset=refined.offset if observable else given,
-        offset_sd=offset_sd,
+        offset=used,
+        offset_sd=answer.offset_sd,
         offset_interval=interval,
-        offset_observable=observable,
-        rotation_sd=min(float(np.sqrt(np.trace(covariance))), np.pi),
-        rotation_covariance=covariance,
-        rotation_radius=uncertainty.rotation_radius(covariance, samples=samples),
-        rotation_observable=answered,
-        unknown_axis=unknown,
+        offset_observable=evidence.observable,
+        rotation_sd=min(float(np.sqrt(np.trace(answer.covariance))), np.pi),
+        rotation_covariance=answer.covariance,
+        rotation_radius=uncertainty.rotation_radius(
+            answer.covariance, samples=solution.covariance.samples
+        ),
+        rotation_observable=answer.determined,
+        unknown_axis=answer.unknown_axis,
         inlier_share=solution.mixture.inliers,
         curve=curve,
         residuals=solution.residuals,
@@ -368,114 +187,107 @@ def _search(
 
 
 @dataclass(frozen=True, eq=False)
-class _Solution:
-    """The rotation at one offset, with what it rests on."""
+class _Evidence:
+    """What speaks for or against the best offset."""
 
-    R: Floats
-    t: Floats
-    direction: Floats
-    mixture: Mixture
-    covariance: uncertainty.JointCovariance
-    residuals: Residuals
-
-    @classmethod
-    def at(
-        cls, headings: HeadingSeries, track: VelocityTrack, offset: float, method: str
-    ) -> _Solution:
-        begin, end = intervals(headings)
-        d = track.directions(begin, end, offset)
-        known = np.any(d != 0, axis=1)
-        if known.sum() < MIN_PAIRS:
-            raise InputError(no_overlap(headings, track, abs(offset)))
-        part, d = headings.select(known), d[known]
-        w = weights(part)
-        estimate = estimate_rotation(part.v, d, method=method, weight=w)
-        u = misfits(part.v, d, estimate.R_body_cam)
-        mixture = fit_mixture(u, w)
-        turned = part.v @ estimate.R_body_cam.T
-        reach = np.inf if method in ("kabsch", "cca") else tukey_reach(mixture.sigma)
-        rate = _direction_rate(track, part, d, offset, RATE_STEP)
-        covariance = uncertainty.joint_covariance(
-            part.t, turned, d, rate, w, reach, _body_noise(track, part.t)
-        )
-        angle = 2 * np.arcsin(np.sqrt(np.clip(u / 2, 0.0, 1.0)))
-        residuals = Residuals(part.t, turned, d, angle, estimate.weight)
-        return cls(estimate.R_body_cam, part.t, d, mixture, covariance, residuals)
-
-    def rotation_covariance(self, offset_estimated: bool) -> Floats:
-        """Return the covariance [rad^2] with the offset estimated along, or as given."""
-        covariance = self.covariance
-        return covariance.full[:3, :3] if offset_estimated else covariance.rotation_given_offset
+    heading_rate_z: float
+    follows_z: float
+    plausible: Floats
+    at_edge: bool
+    sharp_turns: bool
+    offset: float
+    offset_sd: float
+    observable: bool
 
 
-def _body_noise(track: VelocityTrack, t: Floats) -> Floats:
-    """Return what noise of the odometry adds per axis to a sum over headings at times `t`.
-
-    In such a sum, smoothing does not lessen the noise: what counts is its variance per time.
-    """
-    sigma, rho = coloured_noise(track.raw, track.segment)
-    speed = max(float(np.median(np.linalg.norm(track.v, axis=1))), 1e-12)
-    steps = float(np.median(np.diff(track.t)) / np.median(np.diff(t)))
-    return steps * (1 + rho) / (1 - rho) * (sigma / speed) ** 2
-
-
-def _direction_rate(
-    track: VelocityTrack, headings: HeadingSeries, d: Floats, offset: float, half: float
-) -> Floats:
-    """Return the secant derivative of the body direction [1/s], one-sided at the ends."""
-    begin, end = intervals(headings)
-    before = track.directions(begin, end, offset - half)
-    after = track.directions(begin, end, offset + half)
-    has_before, has_after = np.any(before != 0, axis=1), np.any(after != 0, axis=1)
-    before, after = np.where(has_before[:, None], before, d), np.where(has_after[:, None], after, d)
-    span = half * (has_before.astype(float) + has_after)
-    return (after - before) / np.maximum(span, 1e-12)[:, None]
-
-
-def _rotation_change(
-    track: VelocityTrack,
+def _weigh(
     headings: HeadingSeries,
-    solution: _Solution,
-    offset: float,
-    others: Floats,
-) -> float:
-    """Return the largest change of the rotation [rad] from `offset` to any of `others`.
-
-    Both rotations of a comparison rest on the same headings, those covered at either offset.
-    """
-    part = headings.select(np.isin(headings.t, solution.t))
-    begin, end = intervals(part)
-    change = 0.0
-    for other in others:
-        d = track.directions(begin, end, float(other))
-        weight = np.where(np.any(d != 0, axis=1), solution.residuals.weight, 0.0)
-        if np.count_nonzero(weight) < MIN_PAIRS:
-            continue
-        here = kabsch(part.v, solution.direction, weight)
-        change = max(change, rotation_angle(here, kabsch(part.v, d, weight)))
-    return change
-
-
-def _has_sharp_turns(track: VelocityTrack, solution: _Solution, offset: float) -> bool:
-    """Whether the directions turn much faster over 0.1 s than over 0.4 s, noise allowed for."""
-    series = HeadingSeries(solution.t + offset, solution.direction)
-    narrow, wide = (
-        float(np.mean(np.sum(_direction_rate(track, series, solution.direction, 0.0, h) ** 2, 1)))
-        for h in (RATE_STEP / 4, RATE_STEP)
-    )
-    speed = float(np.median(np.linalg.norm(track.v, axis=1)))
-    noise = float(np.max(track.noise)) / max(speed, 1e-12)
-    return narrow - 0.5 * (2 * noise / RATE_STEP) ** 2 > SHARP**2 * wide
-
-
-def _covered(headings: HeadingSeries, offset: float) -> tuple[float, float]:
+    track: VelocityTrack,
+    curve: OffsetCurve | None,
+    refined: RefinedOffset,
+    found: Solution,
+    max_offset: float,
+) -> _Evidence:
+    """Ask whether the motion determines the offset; every question must be answered with yes."""
+    inflation = found.noise.inflation(found.residuals.t)
+    offsets = candidate_offsets(max_offset)
+    plausible = offsets[plausible_offsets(headings, track, offsets, refined, inflation=inflation)]
     begin, end = intervals(headings)
-    return float(begin[0]) + offset, float(end[-1]) + offset
+    part = float(begin[0]) + refined.offset, float(end[-1]) + refined.offset
+    turns = heading_rate_test(track, *part)
+    steady = steady_turning(track, *part)
+    follows = preference(headings, track, steady, refined, inflation=inflation)
+    sd = float(np.sqrt(found.covariance.full[3, 3]))
+    at_edge = curve is not None and curve.at_edge
+    observable = (
+        curve is not None
+        and not at_edge
+        and refined.curvature < 0
+        and turns >= RATE_GATE
+        and follows >= FOLLOW_GATE
+        and sd < max_offset / 4
+        and bool(np.all(np.abs(plausible - refined.offset) <= SINGLE * sd + 0.05))
+    )
+    sharp = has_sharp_turns(track, found, refined.offset)
+    return _Evidence(turns, follows, plausible, at_edge, sharp, refined.offset, sd, observable)
 
 
-def _single(plausible: Floats, offset: float, reach: float) -> bool:
-    """Whether all plausible offsets lie around the best one."""
-    return bool(np.all(np.abs(plausible - offset) <= reach))
+def _fall_back(
+    headings: HeadingSeries,
+    track: VelocityTrack,
+    found: Solution,
+    refined: RefinedOffset,
+    method: str,
+    given: float | None,
+) -> tuple[Solution, float]:
+    """Return the solution at the given offset, or at 0, or at the best where 0 has no overlap."""
+    try:
+        return Solution.at(headings, track, given or 0.0, method), given or 0.0
+    except InputError:
+        if given is not None:
+            raise
+        return found, refined.offset
+
+
+@dataclass(eq=False)
+class _Answer:
+    """How sure rotation and offset are."""
+
+    covariance: Floats
+    offset_sd: float
+    offset_matters: float
+    spread: DirectionSpread
+    unknown_axis: Floats | None
+    determined: bool
+
+    def at_least(self, joint: Floats) -> _Answer:
+        """Return the answer with no smaller variances than those of a joint covariance (4, 4)."""
+        self.offset_sd = max(self.offset_sd, float(np.sqrt(joint[3, 3])))
+        if np.trace(joint[:3, :3]) > np.trace(self.covariance):
+            self.covariance = joint[:3, :3]
+        return self
+
+
+def _answer(
+    headings: HeadingSeries,
+    track: VelocityTrack,
+    solution: Solution,
+    used: float,
+    evidence: _Evidence,
+    given: float | None,
+) -> _Answer:
+    covariance = solution.rotation_covariance(evidence.observable)
+    matters = 0.0
+    if not evidence.observable:
+        matters = rotation_change(track, headings, solution, evidence.plausible)
+    fixed = matters <= max(np.radians(1.0), float(np.sqrt(np.trace(covariance))))
+    if not evidence.observable and given is None and fixed:
+        # The change over the plausible offsets is a uniform error of its own.
+        covariance = covariance + np.eye(3) * matters**2 / 9
+    spread = direction_spread(solution.residuals.direction, track)
+    unknown = _unknown_axis(covariance, spread)
+    determined = unknown is None and (evidence.observable or fixed or given is not None)
+    return _Answer(covariance, evidence.offset_sd, matters, spread, unknown, determined)
 
 
 def _unknown_axis(covariance: Floats, spread: DirectionSpread) -> Floats | None:
@@ -489,16 +301,11 @@ def _unknown_axis(covariance: Floats, spread: DirectionSpread) -> Floats | None:
 
 
 def _offset_interval(
-    observable: bool,
-    offset: float,
-    sd: float,
-    samples: float,
-    plausible: Floats,
-    max_offset: float,
+    evidence: _Evidence, sd: float, samples: float, max_offset: float
 ) -> tuple[float, float]:
-    if observable:
+    if evidence.observable:
         half = uncertainty.t_quantile(samples) * sd
-        return offset - half, offset + half
-    if plausible.size == 0:
+        return evidence.offset - half, evidence.offset + half
+    if evidence.plausible.size == 0:
         return -max_offset, max_offset
-    return float(plausible.min()), float(plausible.max())
+    return float(evidence.plausible.min()), float(evidence.plausible.max())

@@ -15,7 +15,7 @@ import typer
 from evcalib.errors import EvcalibError, InputError
 
 if TYPE_CHECKING:
-    from evcalib.calibration import Calibration
+    from evcalib.results import Calibration
     from evcalib.series import HeadingSeries, VelocitySeries
 
 BAD_INPUT = 2

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from evcalib.observability import FOLLOW_GATE, RATE_GATE, axis_name
 
 if TYPE_CHECKING:
-    from evcalib.calibration import Diagnostics
+    from evcalib.results import Diagnostics
 
 TURN_MORE = (
     "Drive curves whose rate of turning changes: S-curves or fingers with the direction of travel"
@@ -52,9 +52,11 @@ def judge(
     offset_observable: bool,
     rotation_observable: bool,
     offset_sd: float,
+    offset_interval: tuple[float, float],
     unknown_axis: NDArray[np.float64] | None,
     searched: float | None,
     given: float | None,
+    used: float,
     estimate: float,
 ) -> Verdict:
     """Put the diagnostics into words.
@@ -67,12 +69,16 @@ def judge(
         What is determined.
     offset_sd : float
         Standard deviation of the offset [s].
+    offset_interval : tuple of (float, float)
+        95 % interval of the offset [s].
     unknown_axis : ndarray, shape (3,), optional
         Body axis about which the rotation is unknown.
     searched : float, optional
         Half width of the search [s]; None if there was none.
     given : float, optional
         Offset [s] that the user gave.
+    used : float
+        Offset [s] that the rotation is for.
     estimate : float
         Offset [s] of the best score.
     """
@@ -82,7 +88,13 @@ def judge(
         reasons.append(_why_not_observable(diagnostics, offset_sd, searched, estimate))
         if searched is not None:
             advice.append(TURN_MORE)
-        reasons.append(_what_offset_does(diagnostics, rotation_observable, given))
+        reasons.append(_what_offset_does(diagnostics, rotation_observable, given, used))
+    elif given is not None and not offset_interval[0] <= given <= offset_interval[1]:
+        low, high = offset_interval
+        reasons.append(
+            f"The offset of {given:g} s that was given is not used: the motion determines it, from"
+            f" {low:.4f} to {high:.4f} s (95 %)."
+        )
     if unknown_axis is not None:
         spread = np.degrees(diagnostics.spread.spread)
         reasons.append(
@@ -152,7 +164,9 @@ def _why_not_observable(
     )
 
 
-def _what_offset_does(diagnostics: Diagnostics, rotation: bool, given: float | None) -> str:
+def _what_offset_does(
+    diagnostics: Diagnostics, rotation: bool, given: float | None, used: float
+) -> str:
     change = np.degrees(diagnostics.offset_matters)
     rate = np.degrees(diagnostics.offset_sensitivity)
     if given is not None:
@@ -163,9 +177,9 @@ def _what_offset_does(diagnostics: Diagnostics, rotation: bool, given: float | N
     if rotation:
         return (
             "This does not matter to the rotation, which changes by at most"
-            f" {change:.1f} deg over the plausible offsets; 0 s is used."
+            f" {change:.1f} deg over the plausible offsets; {used:g} s is used."
         )
     return (
-        f"The rotation changes by up to {change:.1f} deg over the plausible offsets; 0 s is used:"
-        " give the offset, if it is known."
+        f"The rotation changes by up to {change:.1f} deg over the plausible offsets; {used:g} s is"
+        " used: give the offset, if it is known."
     )

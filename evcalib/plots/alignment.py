@@ -9,9 +9,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d import Axes3D
 
-from evcalib.calibration import Calibration
 from evcalib.offset import OffsetCurve
 from evcalib.plots import style
+from evcalib.results import Calibration
 
 _NAMES = {
     "profile": "robust score",
