@@ -195,7 +195,8 @@ def rotation_radius(
     if mean == 0:
         return 0.0
     dof = mean**2 / np.sum(values**2)
-    quantile = stats.f.ppf(probability, dof, max(2 * samples - 4, 1.0))
+    # SciPy's F has no infinite degrees of freedom.
+    quantile = stats.f.ppf(probability, dof, min(max(2 * samples - 4, 1.0), 1e9))
     return float(min(np.sqrt(mean * quantile), np.pi))
 
 
