@@ -281,11 +281,11 @@ def _answer(
     if not evidence.observable:
         matters = rotation_change(track, headings, solution, evidence.plausible)
     fixed = matters <= max(np.radians(1.0), float(np.sqrt(np.trace(covariance))))
-    if not evidence.observable and given is None and fixed:
-        # The change over the plausible offsets is a uniform error of its own.
-        covariance = covariance + np.eye(3) * matters**2 / 9
     spread = direction_spread(solution.residuals.direction, track)
     unknown = _unknown_axis(covariance, spread)
+    if not evidence.observable and given is None:
+        # The change over the plausible offsets is a uniform error of its own.
+        covariance = covariance + np.eye(3) * matters**2 / 9
     determined = unknown is None and (evidence.observable or fixed or given is not None)
     return _Answer(covariance, evidence.offset_sd, matters, spread, unknown, determined)
 

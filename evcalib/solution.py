@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from evcalib.errors import InputError
 from evcalib.geometry import rotation_angle
 from evcalib.observability import coloured_noise
-from evcalib.offset import no_overlap, weights
+from evcalib.offset import WIDE_REACHES, no_overlap, weights
 from evcalib.rotation import (
     Mixture,
     estimate_rotation,
@@ -141,6 +141,7 @@ def rotation_change(
     """Return the largest change of the rotation [rad] from the solution's offset to any other.
 
     Both rotations of a comparison rest on the same headings, those covered at either offset.
+    Headings that the other offset moves to where the vehicle went another way do not count.
     """
     part = headings.select(np.isin(headings.t, solution.residuals.t))
     begin, end = intervals(part)
@@ -148,6 +149,8 @@ def rotation_change(
     for other in others:
         d = track.directions(begin, end, float(other))
         weight = np.where(np.any(d != 0, axis=1), solution.residuals.weight, 0.0)
+        apart = misfits(part.v, d, kabsch(part.v, d, weight))
+        weight = np.where(apart < WIDE_REACHES[-1], weight, 0.0)
         if np.count_nonzero(weight) < MIN_PAIRS:
             continue
         here = kabsch(part.v, solution.residuals.direction, weight)
