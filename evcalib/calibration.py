@@ -286,6 +286,8 @@ def _answer(
     if not evidence.observable and given is None:
         # The change over the plausible offsets is a uniform error of its own.
         covariance = covariance + np.eye(3) * matters**2 / 9
+    if unknown is not None:
+        covariance = covariance + uncertainty.UNKNOWN * np.outer(unknown, unknown)
     determined = unknown is None and (evidence.observable or fixed or given is not None)
     return _Answer(covariance, evidence.offset_sd, matters, spread, unknown, determined)
 
