@@ -14,6 +14,7 @@ from data_tools.events_text import load_events_text
 from data_tools.scenes import furnished_room
 from data_tools.simulator import Simulator, simulate_translation
 from data_tools.trajectory import Trajectory
+from evcalib._heading_fit import MAX_STEPS, FitOptions, Matches, fit
 from evcalib._keyframes import BearingTable
 from evcalib.camera import Camera
 from evcalib.errors import InputError
@@ -227,6 +228,26 @@ def test_certain_headings_are_of_shorter_spans(sideways):
     assert np.median(long.sd) < np.median(short.sd) < np.deg2rad(0.5)
     off = np.degrees(angle_between(short.v, unit((1, 0, 0.3))))
     assert np.median(off) < 1.0
+
+
+def test_pairs_whose_matches_did_not_survive_are_left_out():
+    rng = np.random.default_rng(0)
+    n, focal = 300, 250.0
+    xy1 = rng.uniform(20, (326, 240), (n, 2))
+    span = np.repeat([2, 10], n // 2)
+    shift = rng.uniform(3, 9, n)[:, None] * (-1.0, 0.0) * span[:, None] / 2
+    lost = span == 10
+    shift[lost] = rng.normal(0, 30, (lost.sum(), 2))
+    xy2 = xy1 + shift + rng.normal(0, 0.4, (n, 2))
+    r1, r2 = (unit(np.column_stack(((p - (173, 130)) / focal, np.ones(n)))) for p in (xy1, xy2))
+    t1 = np.full(n, 1.0)
+    cell = np.arange(n)
+    matches = Matches(r1, r2, xy1, xy2, t1, t1 + 0.05 * span, 1000 * MAX_STEPS + span, cell)
+    found = fit(matches, FitOptions("two_point", 1.5 / focal, 20, 0.1, 1e-9, 0))
+    assert not found.agreeing[lost].any()
+    assert found.agreeing[~lost].mean() > 0.9
+    assert np.degrees(angle_between(found.translation.direction, (1, 0, 0))) < 3
+    assert found.t_end - found.t_start == pytest.approx(0.1)
 
 
 def test_standing_still_and_noise_have_no_heading():
