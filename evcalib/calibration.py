@@ -145,7 +145,7 @@ def align(
         diagnostics,
         offset_observable=evidence.observable,
         rotation_observable=answer.determined,
-        offset_sd=answer.offset_sd,
+        offset_sd=evidence.offset_sd,
         offset_interval=interval,
         unknown_axis=answer.unknown_axis,
         searched=None if curve is None else max_offset,

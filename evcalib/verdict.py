@@ -144,15 +144,15 @@ def _why_not_observable(
             "The offset is not observable: the headings do not follow the turns of the odometry any"
             f" better than a steady turn (z = {diagnostics.follows_z:.1f}, {FOLLOW_GATE:g} needed)."
         )
-    if offset_sd >= searched / 4:
-        return (
-            "The offset is not observable: the direction of travel turns too little for the noise"
-            f" (standard deviation {offset_sd:.2g} s within a search of +-{searched:g} s)."
-        )
     if diagnostics.at_edge:
         return (
             f"The offset is not observable: the best score lies on the border of the search"
             f" (+-{searched:g} s); the true offset may lie outside: raise max_offset."
+        )
+    if offset_sd >= searched / 4:
+        return (
+            "The offset is not observable: the direction of travel turns too little for the noise"
+            f" (standard deviation {offset_sd:.2g} s within a search of +-{searched:g} s)."
         )
     low, high = (
         diagnostics.plausible.min(initial=estimate),
