@@ -68,8 +68,7 @@ class HeadingEstimate:
     ----------
     headings : HeadingSeries
         One row per heading found.  `t`, `t_start` and `t_end` are the mean middle, start and end
-        of its own inliers, weighted by squared displacement; `sd` is per tangent axis [rad];
-        `weight` is 1 / sd^2.
+        of its own inliers, weighted by squared displacement; `sd` is per tangent axis [rad].
     covariance : ndarray, shape (n, 3, 3)
         Of each direction [rad^2].
     gaps : tuple of Gap
@@ -101,7 +100,6 @@ def series(fits: list[Fit]) -> HeadingSeries:
         v=np.array([f.translation.direction for f in fits]).reshape(-1, 3),
         t_start=np.array([f.t_start for f in fits]),
         t_end=np.array([f.t_end for f in fits]),
-        weight=1.0 / sd**2,
         sd=sd,
         inliers=np.array([float(f.inliers) for f in fits]),
     )
