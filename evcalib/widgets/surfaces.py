@@ -1,0 +1,176 @@
+"""See a surface change with time, speed and its own settings."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Protocol
+
+import cv2
+import ipywidgets as widgets
+import matplotlib.colors
+import numpy as np
+from numpy.typing import NDArray
+
+from evcalib import _check
+from evcalib.corners import arc_star
+from evcalib.errors import InputError
+from evcalib.events import Events
+from evcalib.plots import style
+from evcalib.plots.events import NAMES
+from evcalib.surface_quality import grey, likeness, surface_images
+
+ENLARGED = 2
+"""Side of a pixel of the sensor on the screen [px]."""
+RECENT = 0.02
+"""Corners of this last part of the recording are shown."""
+CAPTION = 20
+"""Height of the line above each picture [px]."""
+
+
+class Recording(Protocol):
+    """Events, and pictures of the same path (as of `data_tools.samples`)."""
+
+    @property
+    def events(self) -> Events: ...  # noqa: D102
+
+    @property
+    def frames(self) -> NDArray[np.uint8]: ...  # noqa: D102
+
+
+def tile(image: NDArray[np.uint8], title: str, corners: NDArray) -> NDArray[np.uint8]:
+    """Return an image enlarged, in BGR, with a caption and circles around corners.
+
+    Parameters
+    ----------
+    image : ndarray of uint8, shape (height, width)
+        What to show.
+    title : str
+        Its caption.
+    corners : ndarray, shape (n, 2)
+        Pixels.
+    """
+    large = image.repeat(ENLARGED, axis=0).repeat(ENLARGED, axis=1)
+    picture = cv2.cvtColor(large, cv2.COLOR_GRAY2BGR)
+    for x, y in np.rint(ENLARGED * (corners + 0.5)).astype(int).tolist():
+        cv2.circle(picture, (x, y), 2 * ENLARGED, _bgr(style.MEASURED), 1, cv2.LINE_AA)
+    framed = cv2.copyMakeBorder(
+        picture, CAPTION, 3, 3, 3, cv2.BORDER_CONSTANT, value=(255, 255, 255)
+    )
+    where, font = (4, CAPTION - 6), cv2.FONT_HERSHEY_SIMPLEX
+    cv2.putText(framed, title, where, font, 0.45, (0, 0, 0), 1, cv2.LINE_AA)
+    return np.asarray(framed, dtype=np.uint8)
+
+
+def _bgr(color: str) -> tuple[int, int, int]:
+    red, green, blue = (round(255 * part) for part in matplotlib.colors.to_rgb(color))
+    return blue, green, red
+
+
+class SurfacePanel(widgets.VBox):
+    """A picture and the five surfaces at the same place, at a time and speed of one's choice.
+
+    Parameters
+    ----------
+    recordings : mapping of str to Recording
+        The same path at several speeds, by the name of the speed, the slowest first.  Pictures
+        are those of the first one that has any, evenly spread over the path without its ends.
+    """
+
+    def __init__(self, recordings: Mapping[str, Recording]) -> None:
+        if not recordings:
+            raise InputError("at least one recording is needed")
+        self.streams = {name: recording.events for name, recording in recordings.items()}
+        self._corners = {name: ev[arc_star(ev)] for name, ev in self.streams.items()}
+        with_frames = [r.frames for r in recordings.values() if len(r.frames)]
+        if not with_frames:
+            raise InputError("none of the recordings holds pictures")
+        self._frames = with_frames[0]
+        self.speed = widgets.SelectionSlider(options=list(recordings), description="speed")
+        self.time = widgets.IntSlider(value=70, min=2, max=100, step=2, description="time [%]")
+        self.tau = _slider("tau [ms]", 5.0, 200.0, 5.0, 30.0, ".0f")
+        self.threshold = _slider("threshold", 0.02, 0.9, 0.02, 0.1, ".2f")
+        self.patch = widgets.IntSlider(value=7, min=3, max=15, step=2, description="patch [px]")
+        self.corners = widgets.Checkbox(value=True, description="Arc* corners", indent=False)
+        self.picture = widgets.Image(format="png")
+        self.numbers = widgets.HTML()
+        controls = (self.speed, self.time, self.tau, self.threshold, self.patch, self.corners)
+        for control in controls:
+            control.observe(lambda change: self._draw(), names="value")
+        rows = [widgets.HBox(controls[:3]), widgets.HBox(controls[3:])]
+        super().__init__([*rows, self.picture, self.numbers])
+        self._draw()
+
+    @property
+    def t_us(self) -> int:
+        """Time in the recording that the slider, a share of its length, stands for [us]."""
+        return self._time_in(self.speed.value)
+
+    def _time_in(self, name: str) -> int:
+        return int(self.streams[name].t[-1]) * self.time.value // 100
+
+    def images(self, name: str | None = None) -> dict[str, NDArray]:
+        """Return the five surfaces at the settings of the sliders.
+
+        Parameters
+        ----------
+        name : str, optional
+            Of the recording; by default that of the slider.
+        """
+        name = _check.one_of(name or self.speed.value, "name", tuple(self.streams))
+        patch, tau = int(self.patch.value), 1e-3 * self.tau.value
+        options: dict[str, dict[str, float]] = {
+            "ts": {"tau": tau},
+            "dist": {"patch": patch},
+            "silc": {"r": patch // 2},
+            "tos": {"k": patch},
+            "tos_ts": {"k": patch, "tau": tau, "ts_threshold": self.threshold.value},
+        }
+        t, events = self._time_in(name), self.streams[name]
+        return {key: surface_images(key, events, [t], **options[key])[0] for key in NAMES}
+
+    def recent_corners(self) -> NDArray[np.uint16]:
+        """Return the pixels of the corner events shown, shape (n, 2)."""
+        length = int(RECENT * self.streams[self.speed.value].t[-1])
+        recent = self._corners[self.speed.value].between(self.t_us - length, self.t_us + 1)
+        return np.column_stack((recent.x, recent.y))
+
+    def draw(self, images: Mapping[str, NDArray]) -> bytes:
+        """Return the picture of the scene and the surfaces as a PNG file."""
+        corners = self.recent_corners() if self.corners.value else np.empty((0, 2))
+        tiles = [tile(grey(image), NAMES[name], corners) for name, image in images.items()]
+        nearest = round(0.01 * self.time.value * (len(self._frames) + 1)) - 1
+        frame = self._frames[min(max(nearest, 0), len(self._frames) - 1)]
+        tiles.insert(0, tile(frame, "picture nearby", corners))
+        mosaic = np.vstack([np.hstack(tiles[:3]), np.hstack(tiles[3:])])
+        return cv2.imencode(".png", mosaic)[1].tobytes()
+
+    def table(self, images: Mapping[str, NDArray]) -> str:
+        """Return how much of each surface is lit, and how like the slowest it is, as HTML."""
+        first = next(iter(self.streams))
+        slow = self.images(first)
+        lit = [f"{100 * np.count_nonzero(image) / image.size:.0f} %" for image in images.values()]
+        like = [f"{likeness(grey(images[k]), grey(slow[k])):.2f}" for k in images]
+        head = _row("th", ["", *(NAMES[name] for name in images)])
+        body = _row("td", ["pixels that are not black", *lit])
+        body += _row("td", [f"likeness to the same place at {first}", *like])
+        age = 1e-3 * self.tau.value * float(np.log(1 / self.threshold.value))
+        note = f"TOS AND TS keeps events of the last {1000 * age:.0f} ms"
+        return f"{1e-3 * self.t_us:.0f} ms after the start. {note}.<table>{head}{body}</table>"
+
+    def _draw(self) -> None:
+        images = self.images()
+        self.picture.value = self.draw(images)
+        self.numbers.value = self.table(images)
+
+
+def _row(kind: str, cells: list[str]) -> str:
+    look = "style='padding:2px 10px; text-align:right'"
+    return "<tr>" + "".join(f"<{kind} {look}>{cell}</{kind}>" for cell in cells) + "</tr>"
+
+
+def _slider(
+    name: str, low: float, high: float, step: float, value: float, digits: str
+) -> widgets.FloatSlider:
+    return widgets.FloatSlider(
+        min=low, max=high, step=step, value=value, description=name, readout_format=digits
+    )
