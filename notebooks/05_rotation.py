@@ -358,9 +358,9 @@ for swing in (1.0, 4.0, 15.0, 45.0):
 # Choose how many headings are wrong, in which way, and who has to cope with it. The table below
 # the picture has the errors of all losses. Try this:
 #
-# 1. `kabsch` with 30 % random headings: which way does the band tilt? Now `tukey`.
+# 1. `kabsch` with 60 % random headings: which way does the band tilt? Now `tukey`.
 # 2. *One cluster*: raise the share until `l1` gives in, then until `tukey` does. Why there?
-# 3. *Flipped*: go from 40 to 60 %. Where have all the green dots gone?
+# 3. *Flipped*: go from 40 to 60 %. The green dots fit as well as before; what does the table say?
 
 # %%
 from evcalib.widgets.rotation import RotationPanel
