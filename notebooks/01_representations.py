@@ -17,8 +17,6 @@
 # makes images and corners from events; notebook 2 makes directions from them.
 
 # %%
-from pathlib import Path
-
 import matplotlib.pyplot as plt
 import numpy as np
 
@@ -44,7 +42,7 @@ style.use()
 
 # %%
 SPEEDS = (0.2, 0.4, 0.8, 1.6)  # m/s
-samples = {v: load_sample(Path("data") / f"speed_{round(100 * v):03d}.npz") for v in SPEEDS}
+samples = {v: load_sample(f"data/speed_{round(100 * v):03d}.npz") for v in SPEEDS}
 for speed, sample in samples.items():
     ev = sample.events
     print(f"{speed:.1f} m/s: {len(ev)} events in {ev.duration:.2f} s, {ev.p.mean():.1%} ON")
@@ -53,14 +51,15 @@ for speed, sample in samples.items():
 # The number of events is nearly the same at all speeds: an edge that crosses a pixel makes as many
 # events however long it takes. The slow recording has a few more, since noise has more time.
 #
-# Here is one row of pixels over time. **See:** edges draw lines; the steeper the line, the slower
-# the edge. Left and right are the same picture but for the scale of time.
+# Here is half a row of pixels over time. **See:** edges draw lines; the steeper the line, the
+# slower the edge. Left and right are the same picture but for the scale of time.
 
 # %%
 figure, axes = plt.subplots(1, 2, figsize=(7.0, 2.7))
 for ax, speed in zip(axes, (0.2, 1.6), strict=True):
     draw_row_of_time(ax, samples[speed].events, row=60)
     ax.set_title(f"{speed} m/s")
+    ax.set_xlim(10, 90)
 figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
 plt.show()
 
@@ -169,7 +168,7 @@ def draw_all(speed, place):
     t = round(0.1 * place * length)
     recent = corners[speed].between(round(t - 0.02 * length), t)
     spots = np.column_stack((recent.x, recent.y))
-    figure, axes = plt.subplots(2, 3, figsize=(9.0, 4.9))
+    figure, axes = plt.subplots(2, 3, figsize=(7.8, 4.3))
     shown = {"picture": samples[0.2].frames[place - 1]}
     shown |= {NAMES[name]: rendered(speed, name)[place - 1] for name in NAMES}
     for ax, (name, image) in zip(axes.flat, shown.items(), strict=True):
@@ -297,9 +296,9 @@ plt.show()
 # `python notebooks/_make_data.py tables DATA_FOLDER`.
 
 # %%
-lines = Path("data/surfaces.csv").read_text().splitlines()[1:]
 errors = {}
-for recording, speed, name, median, p90, found in (line.split(",") for line in lines):
+stored = np.loadtxt("data/surfaces.csv", delimiter=",", skiprows=1, dtype=str)
+for recording, speed, name, median, p90, found in stored:
     errors.setdefault((recording, speed), {})[name] = (float(median), float(p90), float(found))
 print("median error / 90th percentile of the heading [deg]")
 print(" " * 22 + "".join(f"{NAMES[name]:>14s}" for name in NAMES))

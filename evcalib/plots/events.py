@@ -23,7 +23,7 @@ NAMES = {
 """Surfaces as the paper names them, in the order of its Fig. 2."""
 
 
-LEVELS = 12
+LEVELS = 8
 """Greys of a surface: enough for the eye, and pictures stay small."""
 
 
@@ -70,7 +70,7 @@ def draw_row_of_time(ax: Axes, events: Events, row: int) -> None:
         (False, style.MUTED, "v", "OFF: darker"),
     ):
         some = here & (events.p == on)
-        ax.plot(events.x[some], 1e-6 * events.t[some], marker, ms=2.0, color=color, label=name)
+        ax.plot(events.x[some], 1e-6 * events.t[some], marker, ms=2.4, color=color, label=name)
     ax.set_xlim(-0.5, events.width - 0.5)
     ax.set_ylim(1e-6 * float(events.t[0]), 1e-6 * float(events.t[-1]))
     style.label(ax, "column [px]", "time [s]")

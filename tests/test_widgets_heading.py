@@ -1,0 +1,95 @@
+"""The heading panel without a browser: every corner of its sliders, and the numbers it shows."""
+
+import itertools
+import re
+from types import SimpleNamespace
+
+import matplotlib.image
+import numpy as np
+import pytest
+
+from data_tools.matches import random_matches
+from evcalib.camera import Camera
+from evcalib.errors import InputError
+from evcalib.events import Events
+from evcalib.two_views import Pairs
+from evcalib.widgets import heading as module
+from evcalib.widgets.heading import HeadingPanel
+
+CAMERA = Camera(80, 60, 70.0, 70.0, 39.5, 29.5)
+
+
+def noise(seed, length=400_000):
+    """Events without any order: there is nothing to match but chance."""
+    rng = np.random.default_rng(seed)
+    x, y, p = rng.integers(0, 80, 30_000), rng.integers(0, 60, 30_000), rng.integers(0, 2, 30_000)
+    return Events.from_arrays(x, y, np.sort(rng.integers(0, length, 30_000)), p, 80, 60)
+
+
+@pytest.fixture
+def panel():
+    directions = {"ahead": [0.0, 0.0, 1.0], "right": [1.0, 0.0, 0.0]}
+    return HeadingPanel(
+        {
+            name: SimpleNamespace(events=noise(k), camera=CAMERA, direction=np.array(d))
+            for k, (name, d) in enumerate(directions.items())
+        }
+    )
+
+
+def true_pairs(direction, count=80, noise=0.1):
+    shift = 0.2 * np.asarray(direction)
+    pair = random_matches(CAMERA, shift, np.random.default_rng(5), count=count, noise=noise)
+    return Pairs(CAMERA.project(pair.before), CAMERA.project(pair.after), pair.before, pair.after)
+
+
+@pytest.mark.parametrize("name", ["ahead", "right"])
+@pytest.mark.parametrize("solver", module.SOLVERS)
+def test_matches_of_a_motion_show_its_heading(panel, name, solver, monkeypatch):
+    panel.recording.value, panel.solver.value = name, solver
+    monkeypatch.setattr(panel, "pairs", lambda: true_pairs(panel.recordings[name].direction))
+    panel.baseline.value += 50
+    error = float(re.search(r"Error ([\d.]+) deg", panel.numbers.value).group(1))
+    assert error < (2.0 if solver == "two points" else 20.0)
+    assert panel.numbers.value.startswith("80 matches")
+
+
+def test_every_corner_of_the_sliders_says_what_was_found(panel, monkeypatch, tmp_path):
+    drawn = []
+    monkeypatch.setattr(panel, "draw", lambda *a: drawn.append(a) or b"")
+    sliders = (panel.middle, panel.baseline)
+    choices = [(s.min, s.max) for s in sliders] + [tuple(module.SOLVERS), (False, True)]
+    for name, *values in itertools.product(panel.recordings, *choices):
+        panel.recording.value = name
+        for control, value in zip((*sliders, panel.solver, panel.pool), values, strict=True):
+            control.value = value
+        text = panel.numbers.value
+        assert "beyond the recording" in text or re.match(r"\d+ matches", text)
+        if panel.pairs() is None:
+            assert "beyond the recording" in text
+    monkeypatch.undo()
+    for arguments in drawn[:: max(1, len(drawn) // 4)]:
+        (tmp_path / "picture.png").write_bytes(panel.draw(*arguments))
+        assert matplotlib.image.imread(tmp_path / "picture.png").std() > 0.05
+
+
+def test_pooled_matches_hold_those_of_the_pair(panel):
+    panel.middle.value, panel.baseline.value = 200, 200
+    alone = panel.pairs()
+    panel.pool.value = True
+    pooled = panel.pairs()
+    assert len(pooled) >= len(alone)
+    assert np.array_equal(pooled.xy1[len(pooled) - len(alone) :], alone.xy1)
+
+
+def test_without_a_direction_the_panel_says_so(panel, monkeypatch):
+    empty = true_pairs([0, 0, 1], count=2)
+    monkeypatch.setattr(panel, "pairs", lambda: empty)
+    panel.baseline.value += 50
+    assert "No direction found" in panel.numbers.value
+    assert bytes(panel.picture.value).startswith(b"\x89PNG")
+
+
+def test_recordings_are_needed():
+    with pytest.raises(InputError, match="at least one"):
+        HeadingPanel({})
