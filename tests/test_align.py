@@ -281,7 +281,7 @@ def test_an_offset_outside_the_search_is_not_claimed():
 
 @pytest.mark.parametrize("fingers", [3, 5])
 def test_the_papers_data_give_the_rotation_and_hide_the_offset(data, fingers):
-    """METHOD section 10: R_body_cam = Rx(-90 deg); directions are constant within each stroke."""
+    """The authors' truth: R_body_cam = Rx(-90 deg); directions are constant within each stroke."""
     made = read_paired_streams(data / "evcalib" / f"calib_data_time_{fingers}traj.npz")
     found = align(made.headings, made.velocities, hold=made.hold)
     truth = rotation_vector_to_matrix([-np.pi / 2, 0, 0])

@@ -24,7 +24,7 @@ def synthetic_rows(n=60, seed=0):
     return np.column_stack([v_e, t, v_o, t + 0.003])
 
 
-# METHOD section 10: degrees without and with alignment, offset [s].
+# What the released script prints: degrees without and with alignment, offset [s].
 @pytest.mark.parametrize(
     ("fingers", "plain", "aligned", "offset"), [(3, 2.03, 1.86, 0.248), (5, 1.82, 1.68, 0.002)]
 )
@@ -36,7 +36,7 @@ def test_the_released_scripts_numbers_come_out(data, fingers, plain, aligned, of
     assert after.offset == pytest.approx(offset, abs=1e-9)
 
 
-# METHOD section 10: the gain is the removal of repeated rows, not the alignment in time.
+# The gain is the removal of repeated rows, not the alignment in time.
 @pytest.mark.parametrize(("fingers", "kabsch"), [(3, 1.88), (5, 1.68)])
 def test_the_rows_that_are_kept_give_the_gain_without_any_alignment(data, fingers, kabsch):
     rows = read_paired_rows(data / "evcalib" / f"calib_data_time_{fingers}traj.npz")

@@ -211,6 +211,28 @@ def test_a_robust_covariance_forgets_outliers():
     assert dirty / clean == pytest.approx(1 / np.sqrt(0.8), rel=0.1)
 
 
+def test_tukeys_loss_costs_five_percent_of_the_variance_on_normal_noise():
+    """Apart from the inflation, for which either takes some white noise to be coloured."""
+    rng = np.random.default_rng(6)
+    t, d, rate = curve(4000)
+    e = d + 0.05 * rng.standard_normal(d.shape)
+    e -= np.sum((e - d) * d, axis=1)[:, None] * d
+    variances = []
+    for reach in (0.5 * (5.12 * 0.05) ** 2, np.inf):
+        found = joint_covariance(t, e, d, rate, np.ones(4000), reach)
+        variances.append(np.diag(found.full) / found.noise.inflation(t))
+    np.testing.assert_allclose(variances[0] / variances[1], 1 / 0.95, rtol=0.05)
+
+
+def test_a_weight_of_zero_is_no_heading():
+    rng = np.random.default_rng(7)
+    t, d, rate = curve(1000)
+    e, used = d + 0.05 * rng.standard_normal(d.shape), np.arange(1000) % 2 == 0
+    weighted = joint_covariance(t, e, d, rate, used.astype(float), np.inf).full
+    selected = joint_covariance(t[used], e[used], d[used], rate[used], np.ones(500), np.inf).full
+    np.testing.assert_allclose(np.diag(weighted), np.diag(selected), rtol=0.2)
+
+
 # Quantiles --------------------------------------------------------------------------------------
 
 
