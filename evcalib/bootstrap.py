@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evcalib.kernels import offset as kernel
-from evcalib.offset import RefinedOffset, weights
+from evcalib.offset import weights
+from evcalib.refinement import RefinedOffset
 from evcalib.rotation import tukey_reach
 from evcalib.series import HeadingSeries
 from evcalib.track import VelocityTrack, intervals
@@ -36,6 +37,10 @@ def bootstrap(
 
     Blocks of neighbouring headings, longer than the memory of the noise, are drawn with
     replacement, and offset and rotation are searched anew in each draw.
+
+    No draw shows where a turn lies between two samples, and turns in step with a clock all lie at
+    the same place: the offset's variance is at least that of a uniform error of one step of each
+    stream.
     """
     begin, end = intervals(headings)
     e = np.ascontiguousarray(headings.v.T)
@@ -63,7 +68,10 @@ def bootstrap(
         peak = int(np.argmax(score))
         errors[draw, 3] = _vertex(steps, score, peak)
         errors[draw, :3] = _rotation_vector(rotations[peak] @ refined.R_body_cam.T)
-    return np.cov(errors.T)
+    joint = np.cov(errors.T)
+    steps_squared = np.median(np.diff(headings.t)) ** 2 + np.median(np.diff(track.t)) ** 2
+    joint[3, 3] = max(joint[3, 3], steps_squared / 12)
+    return joint
 
 
 def _vertex(steps: Floats, score: Floats, peak: int) -> float:

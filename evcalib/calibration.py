@@ -21,11 +21,9 @@ from evcalib.observability import (
     steady_turning,
 )
 from evcalib.offset import METHODS as OFFSET_METHODS
-from evcalib.offset import (
-    OffsetCurve,
+from evcalib.offset import OffsetCurve, candidate_offsets, find_offset
+from evcalib.refinement import (
     RefinedOffset,
-    candidate_offsets,
-    find_offset,
     inliers_at,
     plausible_offsets,
     preference,

@@ -18,6 +18,11 @@ TURN_MORE = (
     " swinging by 30 degrees or more within a few seconds. Straight lines and arcs at a constant"
     " rate cannot show the offset."
 )
+SEARCH_FURTHER = "Search further: raise max_offset (--max-offset)."
+SEARCH_LESS = (
+    "Search less far (max_offset, --max-offset: below half the period of the motion), or drive"
+    " curves that do not repeat themselves."
+)
 SPREAD_MORE = (
     "Drive in at least two directions 30 degrees or more apart (an omni-directional vehicle can do"
     " so without turning its body)."
@@ -85,9 +90,9 @@ def judge(
     reasons: list[str] = []
     advice: list[str] = []
     if not offset_observable:
-        reasons.append(_why_not_observable(diagnostics, offset_sd, searched, estimate))
-        if searched is not None:
-            advice.append(TURN_MORE)
+        reason, remedy = _why_not_observable(diagnostics, offset_sd, searched, estimate)
+        reasons.append(reason)
+        advice.extend(remedy)
         reasons.append(_what_offset_does(diagnostics, rotation_observable, given, used))
     elif given is not None and not offset_interval[0] <= given <= offset_interval[1]:
         low, high = offset_interval
@@ -131,37 +136,36 @@ def _summary(
 
 def _why_not_observable(
     diagnostics: Diagnostics, offset_sd: float, searched: float | None, estimate: float
-) -> str:
+) -> tuple[str, list[str]]:
+    """Return the reason, and what would help."""
     if searched is None:
-        return "The offset was not searched."
+        return "The offset was not searched.", []
     if diagnostics.heading_rate_z < RATE_GATE:
         return (
             "The offset is not observable: the direction of travel does not turn at a changing rate"
             f" (z = {diagnostics.heading_rate_z:.1f}, {RATE_GATE:g} is needed)."
-        )
+        ), [TURN_MORE]
     if diagnostics.follows_z < FOLLOW_GATE:
         return (
             "The offset is not observable: the headings do not follow the turns of the odometry any"
             f" better than a steady turn (z = {diagnostics.follows_z:.1f}, {FOLLOW_GATE:g} needed)."
-        )
+        ), [TURN_MORE]
     if diagnostics.at_edge:
         return (
-            f"The offset is not observable: the best score lies on the border of the search"
-            f" (+-{searched:g} s); the true offset may lie outside: raise max_offset."
-        )
+            "The offset is not observable: the best score lies on the border of the search"
+            f" (+-{searched:g} s); the true offset may lie outside."
+        ), [SEARCH_FURTHER]
     if offset_sd >= searched / 4:
         return (
             "The offset is not observable: the direction of travel turns too little for the noise"
             f" (standard deviation {offset_sd:.2g} s within a search of +-{searched:g} s)."
-        )
-    low, high = (
-        diagnostics.plausible.min(initial=estimate),
-        diagnostics.plausible.max(initial=estimate),
-    )
+        ), [TURN_MORE]
+    low = diagnostics.plausible.min(initial=estimate)
+    high = diagnostics.plausible.max(initial=estimate)
     return (
         f"The offset is not observable: offsets from {low:.2f} to {high:.2f} s fit about as"
-        f" well as the best ({estimate:.3f} s); a periodic motion repeats itself: search less far."
-    )
+        f" well as the best ({estimate:.3f} s), as they do where a motion repeats itself."
+    ), [SEARCH_LESS]
 
 
 def _what_offset_does(

@@ -16,7 +16,7 @@
 #
 # **Where we are.** Notebook 2 turned events into directions $\mathbf v_e(t)$ in the camera frame,
 # notebook 3 wheels into velocities $\mathbf v_o(t)$ in the body frame. Equations are numbered here
-# on their own, "Eq." with a number is the paper's; a departure from it is said where it occurs.
+# on their own; a departure from it is said where it occurs.
 
 # %%
 import matplotlib.pyplot as plt
@@ -25,10 +25,11 @@ import numpy as np
 from data_tools.motion import Noise, arc, s_curve, simulate, straight, zigzag
 from evcalib import align
 from evcalib.geometry import random_rotation, rotation_angle
-from evcalib.offset import candidate_offsets, find_offset, inliers_at, refine_offset
+from evcalib.offset import candidate_offsets, find_offset
 from evcalib.plots import style
 from evcalib.plots.alignment import draw_curve
 from evcalib.plots.offset import draw_streams
+from evcalib.refinement import inliers_at, refine_offset
 from evcalib.track import velocity_track
 
 style.use()
@@ -81,7 +82,7 @@ plt.show()
 # ## A number that no rotation changes
 #
 # Shift the odometry by a candidate offset and pair it with the headings. Let $S_{oo}$, $S_{ee}$ and
-# $S_{oe}$ be the covariances of the pairs. The paper's **trace correlation** (Eq. 11) is
+# $S_{oe}$ be the covariances of the pairs. The paper's **trace correlation** is
 #
 # $$r = \sqrt{\tfrac1k\,\operatorname{tr}\bigl(S_{oo}^{+}\,S_{oe}\,S_{ee}^{+}\,S_{eo}\bigr)}.
 # \tag{2}$$

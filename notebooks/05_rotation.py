@@ -15,8 +15,8 @@
 # **Required knowledge.** Matrices and the singular value decomposition (SVD). **Time.** 30 minutes.
 #
 # **Where we are.** Notebook 4 aligned the two clocks, so headings $\mathbf e_i$ (camera frame) and
-# body directions $\mathbf d_i$ now come in pairs. Equations are numbered here on their own, "Eq."
-# with a number is the paper's; a departure from it is said where it occurs.
+# body directions $\mathbf d_i$ now come in pairs. Equations are numbered here on their own; a
+# departure from the paper is said where it occurs.
 
 # %%
 from dataclasses import dataclass
@@ -189,7 +189,7 @@ for method, fit in fits.items():
     print(f"{method:7s}{error:5.1f} deg")
 
 # %% [markdown]
-# How do the others do it? **L1**, the paper's choice (Eq. 12), minimises the sum of the residuals'
+# How do the others do it? **L1**, the paper's choice, minimises the sum of the residuals'
 # lengths instead of their squares. It needs no new solver: fit, weigh each pair by
 #
 # $$w_i = \frac{1}{\max(\delta,\, \lVert\mathbf d_i - R\,\mathbf e_i\rVert)}, \tag{4}$$

@@ -260,7 +260,7 @@ def test_a_quick_zigzag_repeats_itself_within_the_search():
     found = aligned(streams(drive), max_offset=1.5)
     assert found.diagnostics.second_peak_ratio > 0.9
     assert not found.offset_observable
-    assert "search less far" in str(found.verdict)
+    assert "Search less far" in str(found.verdict)
 
 
 def test_the_same_zigzag_tells_the_offset_within_half_a_period():

@@ -16,12 +16,9 @@ from evcalib.offset import (
     WIDE_REACHES,
     candidate_offsets,
     find_offset,
-    inliers_at,
-    plausible_offsets,
-    preference,
-    refine_offset,
     weights,
 )
+from evcalib.refinement import inliers_at, plausible_offsets, preference, refine_offset
 from evcalib.rotation import Mixture
 from evcalib.series import HeadingSeries, VelocitySeries
 from evcalib.track import intervals, velocity_track

@@ -10,7 +10,7 @@ from scipy import stats
 from data_tools import motion
 from evcalib.bootstrap import bootstrap
 from evcalib.kernels import noise as kernel
-from evcalib.offset import refine_offset
+from evcalib.refinement import refine_offset
 from evcalib.series import HeadingSeries
 from evcalib.track import velocity_track
 from evcalib.uncertainty import (

@@ -10,9 +10,10 @@ import ipywidgets as widgets
 import numpy as np
 
 from evcalib.calibration import Calibration, align
-from evcalib.offset import OffsetCurve, find_offset, inliers_at
+from evcalib.offset import OffsetCurve, find_offset
 from evcalib.plots import style
 from evcalib.plots.offset import draw_streams, draw_tried
+from evcalib.refinement import inliers_at
 from evcalib.series import HeadingSeries, VelocitySeries
 from evcalib.track import velocity_track
 
