@@ -380,7 +380,8 @@ SurfacePanel({f"{speed} m/s": sample for speed, sample in samples.items()})
 # ## In the library
 #
 # - `evcalib.surfaces`: each surface as a function, and as a class with `update` and `render` for
-#   long recordings. `evcalib.corners.arc_star` and `ArcStar` likewise.
+#   long recordings. `evcalib.corners.arc_star` and `ArcStar` likewise, and `TosHarris`, which
+#   looks for corners on the TOS.
 # - `evcalib.surface_quality`: `likeness`, `score_surface` and what they are made of.
 # - `evcalib.plots.events`, `evcalib.widgets.surfaces.SurfacePanel`: the pictures of this notebook.
 # - `estimate_headings(events, camera, surface="dist")` and

@@ -93,5 +93,5 @@ def draw_over_speed(
     ax.set_xscale("log")
     ax.minorticks_off()
     ax.set_xticks(speeds, [f"{speed:g}" for speed in speeds])
-    ax.set_ylim(bottom=0.0)
+    ax.set_ylim(0.0, 1.1 * max(max(numbers) for numbers in values.values()))
     style.label(ax, "speed of the camera [m/s]", name)
