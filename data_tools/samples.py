@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -9,6 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from data_tools.camera_files import read_calib_txt
+from data_tools.events_text import load_events_text
 from evcalib import _check
 from evcalib.camera import Camera
 from evcalib.errors import InputError
@@ -100,6 +103,8 @@ def _millimetres(depths: Floats) -> NDArray[np.uint16]:
 def write_sample(path: str | Path, sample: Sample) -> None:
     """Write a sample as a compressed ``.npz`` file: times as steps, depths in millimetres."""
     events, camera = sample.events, sample.camera
+    if camera.distortion:
+        raise InputError("the camera of a sample has no distortion")
     if max(events.shape) > 256 or np.diff(events.t, prepend=0).max(initial=0) > 65535:
         raise InputError("a sample has at most 256 px a side and no silence of 65 ms")
     np.savez_compressed(
@@ -132,6 +137,36 @@ def load_sample(path: str | Path) -> Sample:
             return _sample(dict(file))
     except (KeyError, ValueError, OSError) as error:
         raise InputError(f"{path} is not a sample: {error}") from None
+
+
+def slider_depth(folder: str | Path | None = None) -> Sample | None:
+    """Return the real recording slider_depth from 0.2 s on, or None where it is not present.
+
+    The camera moves along its own X axis, to about 1 degree.  There are no pictures.
+
+    Parameters
+    ----------
+    folder : str or Path, optional
+        Holds ``slider_depth/events.txt.gz`` and ``slider_depth/calib.txt`` of the Event Camera
+        Dataset (Mueggler et al. 2017); by default the environment variable ``EVCALIB_DATA``.
+    """
+    root = folder if folder is not None else os.environ.get("EVCALIB_DATA")
+    if root is None or not (Path(root) / "slider_depth" / "events.txt.gz").is_file():
+        return None
+    home = Path(root) / "slider_depth"
+    whole = load_events_text(home / "events.txt.gz", 240, 180)
+    steady = whole[whole.t >= 200_000]
+    events = Events(steady.x, steady.y, steady.t - 200_000, steady.p, 240, 180)
+    none = np.empty((0, 180, 240))
+    return Sample(
+        events=events,
+        camera=read_calib_txt(home / "calib.txt", 240, 180),
+        direction=np.array([1.0, 0.0, 0.0]),
+        speed=0.318,
+        frame_times=np.empty(0),
+        frames=none.astype(np.uint8),
+        depths=none,
+    )
 
 
 def _sample(columns: dict[str, Any]) -> Sample:

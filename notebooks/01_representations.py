@@ -20,7 +20,7 @@
 import matplotlib.pyplot as plt
 import numpy as np
 
-from data_tools.samples import load_sample
+from data_tools.samples import load_sample, slider_depth
 from evcalib.corners import arc_star
 from evcalib.events import Events
 from evcalib.plots import style
@@ -328,6 +328,20 @@ for recording in ("simulated", "slider_depth"):
 # The package keeps the paper's TOS AND TS as the default. It costs far less than DiST, and the
 # choice does not matter here. It would matter to somebody who detects corners *on* the surface.
 #
+# If the environment variable `EVCALIB_DATA` names a folder with *slider_depth*, here it is, half a
+# second after its start. (Otherwise nothing is shown; the recording may not be passed on with this
+# notebook.)
+
+# %% tags=["nbval-ignore-output"]
+real = slider_depth()
+if real:
+    figure, axes = plt.subplots(1, 5, figsize=(12.0, 2.2))
+    for ax, name in zip(axes, NAMES, strict=True):
+        image = surface_images(name, real.events, [500_000])[0]
+        draw_surface(ax, image, title=NAMES[name])
+    plt.show()
+
+# %% [markdown]
 # ## Try it
 #
 # The panel shows the same six images. Try this:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from data_tools.matches import random_matches
-from data_tools.samples import Sample, load_sample, write_sample
+from data_tools.samples import Sample, load_sample, slider_depth, write_sample
 from evcalib.camera import Camera
 from evcalib.errors import InputError
 from evcalib.events import Events
@@ -61,6 +61,27 @@ def test_a_silence_that_does_not_fit_is_refused(wall, steps, tmp_path):
     events = Events.from_arrays([1] * n, [1] * n, steps, [1] * n, 40, 30)
     with pytest.raises(InputError, match="silence"):
         write_sample(tmp_path / "s.npz", replace(wall, events=events))
+
+
+def test_a_lens_that_distorts_is_refused(wall, tmp_path):
+    lens = replace(CAMERA, distortion=(0.1, 0.0, 0.0, 0.0))
+    with pytest.raises(InputError, match="distortion"):
+        write_sample(tmp_path / "s.npz", replace(wall, camera=lens))
+
+
+def test_the_real_slider_is_found_where_it_is(data, tmp_path, monkeypatch):
+    sample = slider_depth(data)
+    assert sample.events.t[0] < 1_000
+    assert sample.events.duration == pytest.approx(1.5, abs=0.05)
+    assert sample.camera.distortion
+    monkeypatch.setenv("EVCALIB_DATA", str(data))
+    assert len(slider_depth().events) == len(sample.events)
+
+
+def test_without_the_real_slider_there_is_none(tmp_path, monkeypatch):
+    assert slider_depth(tmp_path) is None
+    monkeypatch.delenv("EVCALIB_DATA", raising=False)
+    assert slider_depth() is None
 
 
 def test_what_is_no_sample_is_refused(tmp_path):
