@@ -186,7 +186,8 @@ draw_all(0.2, place=7)
 
 # %% [markdown]
 # Now the very same place, passed at 1.6 m/s. **See:** DiST, SILC and TOS hardly changed. TS is
-# full of long tails. TOS AND TS has become plain TOS, as everything in sight is younger than 69 ms.
+# full of long tails. TOS AND TS has nearly become TOS, since most of what TOS shows is now younger
+# than 69 ms.
 
 # %%
 draw_all(1.6, place=7)
@@ -257,7 +258,7 @@ for speed in (0.2, 1.6):
 # The same over all speeds. **See:** the surfaces with a clock are the cleanest where the camera is
 # slow, and lose it when it is fast. Corners *on* the surface come back best on SILC and DiST: ramps
 # have gradients that a detector can use, thin white lines do not. And DiST and SILC give up to
-# twice as many right matches as TOS. Wrong ones are rare on all.
+# twice as many right matches as TOS. Wrong ones are few on all.
 
 # %%
 figure, axes = plt.subplots(1, 3, figsize=(8.6, 2.9))

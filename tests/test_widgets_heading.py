@@ -2,6 +2,7 @@
 
 import itertools
 import re
+from pathlib import Path
 from types import SimpleNamespace
 
 import matplotlib.image
@@ -9,10 +10,11 @@ import numpy as np
 import pytest
 
 from data_tools.matches import random_matches
+from data_tools.samples import load_sample
 from evcalib.camera import Camera
 from evcalib.errors import InputError
 from evcalib.events import Events
-from evcalib.two_views import Pairs
+from evcalib.two_views import Pairs, keypoints_at, matched
 from evcalib.widgets import heading as module
 from evcalib.widgets.heading import HeadingPanel
 
@@ -73,13 +75,22 @@ def test_every_corner_of_the_sliders_says_what_was_found(panel, monkeypatch, tmp
         assert matplotlib.image.imread(tmp_path / "picture.png").std() > 0.05
 
 
-def test_pooled_matches_hold_those_of_the_pair(panel):
-    panel.middle.value, panel.baseline.value = 200, 200
-    alone = panel.pairs()
+def test_the_sliders_choose_the_keyframes():
+    path = Path(__file__).parents[1] / "notebooks" / "data" / "forward.npz"
+    sample = load_sample(path)
+    panel = HeadingPanel({"forward": sample})
+    panel.middle.value, panel.baseline.value = 350, 200
+    times = [250_000, 275_000, 300_000, 400_000, 425_000, 450_000]
+    at = dict(zip(times, keypoints_at(sample.events, times), strict=True))
+    parts = [
+        matched(sample.camera, at[350_000 - half], at[350_000 + half], reach=module.REACH_PX)
+        for half in (50_000, 75_000, 100_000)
+    ]
+    assert len(parts[-1]) > 20
+    assert np.array_equal(panel.pairs().xy1, parts[-1].xy1)
+    assert np.array_equal(panel.pairs().xy2, parts[-1].xy2)
     panel.pool.value = True
-    pooled = panel.pairs()
-    assert len(pooled) >= len(alone)
-    assert np.array_equal(pooled.xy1[len(pooled) - len(alone) :], alone.xy1)
+    assert np.array_equal(panel.pairs().r2, Pairs.pooled(parts).r2)
 
 
 def test_without_a_direction_the_panel_says_so(panel, monkeypatch):

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
+from evcalib import surfaces
 from evcalib.errors import InputError
 from evcalib.events import Events
 from evcalib.plots.events import NAMES
@@ -72,6 +73,24 @@ def test_only_surfaces_with_a_clock_change_with_the_speed(panel):
     assert like["tos"] == like["silc"] == like["dist"] == 1.0
     assert like["ts"] < 0.9
     assert like["tos_ts"] < 0.9
+
+
+def test_the_sliders_set_what_they_name(panel):
+    panel.speed.value, panel.tau.value = "fast", 10.0
+    panel.threshold.value, panel.patch.value = 0.5, 5
+    events, images = panel.streams["fast"].between(0, panel.t_us + 1), panel.images()
+    t = panel.t_us
+    expected = {
+        "ts": surfaces.time_surface(events, t, tau=0.01),
+        "dist": surfaces.dist(events, t, patch=5, polarity="merged"),
+        "silc": surfaces.silc(events, t, r=2, polarity="merged"),
+        "tos": surfaces.tos(events, t, k=5),
+        "tos_ts": surfaces.tos_ts(events, t, k=5, tau=0.01, ts_threshold=0.5),
+    }
+    for name, image in expected.items():
+        assert np.array_equal(images[name], image), name
+    panel.threshold.value = 0.1
+    assert not np.array_equal(panel.images()["tos_ts"], expected["tos_ts"])
 
 
 def test_a_longer_memory_makes_the_and_equal_to_tos(panel):
