@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -37,10 +37,14 @@ class StoredCalibration:
         ``v_body = R_body_cam @ v_cam``.
     offset : float
         ``t_body = t_cam + offset`` [s].
+    offset_observable, rotation_observable : bool
+        Whether the motion determined them.
     """
 
     R_body_cam: Floats
     offset: float
+    offset_observable: bool = True
+    rotation_observable: bool = True
 
 
 def summary_dict(calibration: Calibration) -> dict[str, Any]:
@@ -72,6 +76,7 @@ def summary_dict(calibration: Calibration) -> dict[str, Any]:
             "noise_memory_s": float(diagnostics.noise.memory),
             "heading_rate_z": float(diagnostics.heading_rate_z),
             "follows_z": float(diagnostics.follows_z),
+            "agrees": bool(diagnostics.agrees),
             "direction_spread_deg": math.degrees(diagnostics.spread.spread),
             "direction_axes": int(diagnostics.spread.axes),
             "second_peak_ratio": float(diagnostics.second_peak_ratio),
@@ -101,7 +106,14 @@ def read_calibration(path: str | Path) -> StoredCalibration:
     content = _load_yaml(path)
     if not isinstance(content, dict) or not {"R_body_cam", "offset_s"} <= content.keys():
         raise InputError(f"{path} is no calibration: it needs the keys R_body_cam and offset_s")
-    return _stored(content["R_body_cam"], content["offset_s"], path)
+    flags = [content.get(name, True) for name in ("offset_observable", "rotation_observable")]
+    if not all(isinstance(flag, bool) for flag in flags):
+        raise InputError(f"{path}: offset_observable and rotation_observable must be true or false")
+    return replace(
+        _stored(content["R_body_cam"], content["offset_s"], path),
+        offset_observable=flags[0],
+        rotation_observable=flags[1],
+    )
 
 
 def export(calibration: StoredCalibration, form: str) -> str:
@@ -118,7 +130,14 @@ def export(calibration: StoredCalibration, form: str) -> str:
     """
     if form not in FORMATS:
         raise InputError(f"the export format must be one of {', '.join(FORMATS)}, not {form!r}")
-    return {"kalibr": _to_kalibr, "ros-tf": _to_ros_tf, "urdf": _to_urdf}[form](calibration)
+    text = {"kalibr": _to_kalibr, "ros-tf": _to_ros_tf, "urdf": _to_urdf}[form](calibration)
+    unsure = []
+    if not calibration.rotation_observable:
+        unsure.append("THE ROTATION IS NOT DETERMINED by the drive that this comes from.")
+    if not calibration.offset_observable:
+        unsure.append("The time offset was not observable: it is the one that was assumed.")
+    mark = "<!-- {} -->\n" if form == "urdf" else "# {}\n"
+    return "".join(mark.format(line) for line in unsure) + text
 
 
 def read_export(path: str | Path, form: str) -> StoredCalibration:
@@ -199,10 +218,11 @@ def _number(value: float) -> str:
 def _stored(matrix: Any, offset: Any, path: str | Path) -> StoredCalibration:
     try:
         R = np.array(matrix, dtype=np.float64)
-        shift = float(offset)
+        shift = float("nan") if isinstance(offset, bool) else float(offset)
     except (TypeError, ValueError):
         raise InputError(f"{path}: rotation and offset must be numbers") from None
-    off = np.abs(R.T @ R - np.eye(3)).max() if R.shape == (3, 3) else np.inf
+    square = R.shape == (3, 3) and bool(np.all(np.abs(R) <= 2))
+    off = np.abs(R.T @ R - np.eye(3)).max() if square else np.inf
     if not (off < 1e-6 and np.linalg.det(R) > 0 and np.isfinite(shift)):
         raise InputError(f"{path}: R_body_cam must be a 3 x 3 rotation and the offset finite")
     return StoredCalibration(R, shift)
@@ -211,8 +231,9 @@ def _stored(matrix: Any, offset: Any, path: str | Path) -> StoredCalibration:
 def _load_yaml(path: str | Path) -> Any:
     try:
         return yaml.safe_load(_read_text(path))
-    except yaml.YAMLError as error:
-        raise InputError(f"{path} is not YAML: {str(error).splitlines()[0]}") from None
+    except (yaml.YAMLError, ValueError, IndexError) as error:
+        why = str(error).splitlines() or [type(error).__name__]
+        raise InputError(f"{path} is not YAML: {why[0]}") from None
 
 
 def _read_text(path: str | Path) -> str:
@@ -233,7 +254,8 @@ def summary_text(calibration: Calibration) -> str:
     if calibration.offset_observable:
         offset += f"   sd {calibration.offset_sd:.4f} s, 95 % from {low:+.4f} to {high:+.4f} s"
     else:
-        offset += f"   as given; not observable (plausible: {low:+.2f} to {high:+.2f} s)"
+        origin = "assumed" if calibration.settings.get("offset") is None else "as given"
+        offset += f"   {origin}; not observable (plausible: {low:+.2f} to {high:+.2f} s)"
     rows = [
         "Rotation   R_body_cam, v_body = R_body_cam v_cam",
         *("           " + " ".join(f"{x:+9.5f}" for x in row) for row in calibration.R_body_cam),

@@ -37,10 +37,6 @@ def bootstrap(
 
     Blocks of neighbouring headings, longer than the memory of the noise, are drawn with
     replacement, and offset and rotation are searched anew in each draw.
-
-    No draw shows where a turn lies between two samples, and turns in step with a clock all lie at
-    the same place: the offset's variance is at least that of a uniform error of one step of each
-    stream.
     """
     begin, end = intervals(headings)
     e = np.ascontiguousarray(headings.v.T)
@@ -65,13 +61,20 @@ def bootstrap(
             track.limits,
             reaches,
         )
-        peak = int(np.argmax(score))
-        errors[draw, 3] = _vertex(steps, score, peak)
-        errors[draw, :3] = _rotation_vector(rotations[peak] @ refined.R_body_cam.T)
-    joint = np.cov(errors.T)
-    steps_squared = np.median(np.diff(headings.t)) ** 2 + np.median(np.diff(track.t)) ** 2
-    joint[3, 3] = max(joint[3, 3], steps_squared / 12)
-    return joint
+        errors[draw, 3] = _vertex(steps, score, int(np.argmax(score)))
+        nearest = int(np.argmin(np.abs(steps - errors[draw, 3])))
+        errors[draw, :3] = _rotation_vector(rotations[nearest] @ refined.R_body_cam.T)
+    return np.cov(errors.T)
+
+
+def sampling_floor(headings: HeadingSeries, track: VelocityTrack) -> float:
+    """Return the least standard deviation [s] of an offset that rests on instant turns.
+
+    No resample shows where a turn lies between two samples, and turns in step with a clock all lie
+    at the same place: a uniform error of one step of each stream remains, however many turns.
+    """
+    steps = np.median(np.diff(headings.t)), np.median(np.diff(track.t))
+    return float(np.hypot(*steps) / np.sqrt(12))
 
 
 def _vertex(steps: Floats, score: Floats, peak: int) -> float:

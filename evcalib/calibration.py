@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evcalib import _check, uncertainty
-from evcalib.bootstrap import bootstrap
+from evcalib.bootstrap import bootstrap, sampling_floor
 from evcalib.errors import InputError
 from evcalib.observability import (
     FOLLOW_GATE,
@@ -21,7 +21,7 @@ from evcalib.observability import (
     steady_turning,
 )
 from evcalib.offset import METHODS as OFFSET_METHODS
-from evcalib.offset import OffsetCurve, candidate_offsets, find_offset
+from evcalib.offset import STEP, OffsetCurve, candidate_offsets, find_offset
 from evcalib.refinement import (
     RefinedOffset,
     inliers_at,
@@ -37,6 +37,9 @@ from evcalib.track import VelocityTrack, intervals, velocity_track
 from evcalib.verdict import judge
 
 Floats = NDArray[np.float64]
+
+MAX_CHANGE = np.radians(5.0)
+"""A change of the rotation over the plausible offsets beyond this [rad] always matters."""
 
 SINGLE = 8.0
 """Plausible offsets within so many standard deviations of the best one are one answer, not two."""
@@ -57,6 +60,10 @@ def align(
     seed: int = 0,
 ) -> Calibration:
     """Find the time offset and the rotation between camera headings and body velocities.
+
+    The method takes for granted that the true offset lies within the search, that most headings
+    have the right sign (flipping all of them turns the answer by 180 degrees), that neither clock
+    drifts, and that the body hardly turns (else the camera moves otherwise than the body's origin).
 
     Parameters
     ----------
@@ -92,8 +99,11 @@ def align(
     _check.positive(max_offset, "max_offset", "seconds")
     if offset is not None and not np.isfinite(offset):
         raise InputError(f"offset must be a finite number of seconds, not {offset!r}")
+    if int(seed) < 0:
+        raise InputError(f"seed must not be negative, not {seed}")
+    offset = None if offset is None else float(offset)
     settings = {
-        "max_offset": max_offset,
+        "max_offset": float(max_offset),
         "offset_method": offset_method,
         "rotation_method": rotation_method,
         "offset": offset,
@@ -101,7 +111,7 @@ def align(
         "min_speed": min_speed,
         "hold": hold,
         "smooth": smooth,
-        "seed": seed,
+        "seed": int(seed),
     }
     headings = headings.usable()
     if len(headings) < MIN_PAIRS:
@@ -120,7 +130,8 @@ def align(
     answer = _answer(headings, track, solution, used, evidence, offset)
     if evidence.observable and evidence.sharp_turns:
         rng = np.random.default_rng(seed)
-        answer = answer.at_least(bootstrap(headings, track, refined, solution.noise, rng))
+        joint = bootstrap(headings, track, refined, solution.noise, rng)
+        answer.at_least(joint, sampling_floor(headings, track))
 
     interval = _offset_interval(evidence, answer.offset_sd, solution.covariance.samples, max_offset)
     if not evidence.observable:
@@ -136,6 +147,8 @@ def align(
         plausible=evidence.plausible,
         offset_matters=answer.offset_matters,
         offset_sensitivity=float(np.linalg.norm(solution.covariance.offset_sensitivity)),
+        agrees=solution.agrees,
+        body_turns=_body_turns(velocities),
         at_edge=evidence.at_edge,
         sharp_turns=evidence.sharp_turns,
     )
@@ -207,7 +220,7 @@ def _weigh(
     max_offset: float,
 ) -> _Evidence:
     """Ask whether the motion determines the offset; every question must be answered with yes."""
-    inflation = found.noise.inflation(found.residuals.t)
+    inflation = found.residuals.t.size / found.independent
     offsets = candidate_offsets(max_offset)
     plausible = offsets[plausible_offsets(headings, track, offsets, refined, inflation=inflation)]
     begin, end = intervals(headings)
@@ -216,9 +229,10 @@ def _weigh(
     steady = steady_turning(track, *part)
     follows = preference(headings, track, steady, refined, inflation=inflation)
     sd = float(np.sqrt(found.covariance.full[3, 3]))
-    at_edge = curve is not None and curve.at_edge
-    observable = (
+    at_edge = curve is not None and (curve.at_edge or abs(refined.offset) > max_offset)
+    observable = bool(
         curve is not None
+        and found.agrees
         and not at_edge
         and refined.curvature < 0
         and turns >= RATE_GATE
@@ -258,12 +272,11 @@ class _Answer:
     unknown_axis: Floats | None
     determined: bool
 
-    def at_least(self, joint: Floats) -> _Answer:
-        """Return the answer with no smaller variances than those of a joint covariance (4, 4)."""
-        self.offset_sd = max(self.offset_sd, float(np.sqrt(joint[3, 3])))
+    def at_least(self, joint: Floats, offset_sd: float) -> None:
+        """Raise the variances to those of a joint covariance (4, 4) and an offset's sd [s]."""
+        self.offset_sd = max(self.offset_sd, float(np.sqrt(joint[3, 3])), offset_sd)
         if np.trace(joint[:3, :3]) > np.trace(self.covariance):
             self.covariance = joint[:3, :3]
-        return self
 
 
 def _answer(
@@ -278,7 +291,9 @@ def _answer(
     matters = 0.0
     if not evidence.observable:
         matters = rotation_change(track, headings, solution, evidence.plausible)
-    fixed = matters <= max(np.radians(1.0), float(np.sqrt(np.trace(covariance))))
+    fixed = matters <= np.clip(np.sqrt(np.trace(covariance)), np.radians(1.0), MAX_CHANGE)
+    # Plausible offsets that are all far from the one that is used speak against it.
+    fixed = fixed and _near(used, evidence.plausible)
     spread = direction_spread(solution.residuals.direction, track)
     unknown = _unknown_axis(covariance, spread)
     if not evidence.observable and given is None:
@@ -286,8 +301,13 @@ def _answer(
         covariance = covariance + np.eye(3) * matters**2 / 9
     if unknown is not None:
         covariance = covariance + uncertainty.UNKNOWN * np.outer(unknown, unknown)
-    determined = unknown is None and (evidence.observable or fixed or given is not None)
+    told = evidence.observable or bool(fixed) or given is not None
+    determined = unknown is None and told and solution.agrees
     return _Answer(covariance, evidence.offset_sd, matters, spread, unknown, determined)
+
+
+def _near(offset: float, plausible: Floats) -> bool:
+    return plausible.size == 0 or bool(np.abs(plausible - offset).min() <= 2 * STEP)
 
 
 def _unknown_axis(covariance: Floats, spread: DirectionSpread) -> Floats | None:
@@ -298,6 +318,13 @@ def _unknown_axis(covariance: Floats, spread: DirectionSpread) -> Floats | None:
         return spread.axis
     values, vectors = np.linalg.eigh(covariance)
     return vectors[:, -1] if values[-1] > MAX_ROTATION_SD**2 else None
+
+
+def _body_turns(velocities: VelocitySeries) -> float:
+    """Return the root mean square yaw rate [rad/s], 0 where it is not known."""
+    if velocities.yaw_rate is None:
+        return 0.0
+    return float(np.sqrt(np.mean(velocities.yaw_rate**2)))
 
 
 def _offset_interval(

@@ -5,6 +5,7 @@ Exit codes: 0 the rotation is determined; 2 bad input; 3 the motion cannot answe
 
 from __future__ import annotations
 
+import contextlib
 import json
 import sys
 from pathlib import Path
@@ -96,7 +97,7 @@ def align(
         float | None,
         typer.Option(help="Longest step to interpolate over, in seconds."),
     ] = None,
-    seed: Annotated[int, typer.Option(help="Seed of the bootstrap.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the bootstrap.")] = 0,
     output: Output = None,
     as_json: Json = False,
 ) -> None:
@@ -125,12 +126,23 @@ def export(
     output: Annotated[
         Path | None, typer.Option("-o", "--output", help="File to write; else standard output.")
     ] = None,
+    force: Annotated[
+        bool, typer.Option("--force", help="Export also a rotation that is not determined.")
+    ] = False,
 ) -> None:
     """Write a calibration in the form of another tool."""
     from data_tools.export import export as convert
     from data_tools.export import read_calibration
 
-    text = convert(read_calibration(calibration), to)
+    stored = read_calibration(calibration)
+    text = convert(stored, to)
+    if not (stored.rotation_observable or force):
+        print(
+            f"evcalib: {calibration}: the rotation is not determined (--force exports it all the"
+            " same)",
+            file=sys.stderr,
+        )
+        raise typer.Exit(NO_ANSWER)
     if output is None:
         print(text, end="")
     else:
@@ -148,7 +160,7 @@ def headings(
     size: Annotated[
         str | None, typer.Option(help="Sensor size WIDTHxHEIGHT, where no file tells it.")
     ] = None,
-    seed: Annotated[int, typer.Option(help="Seed of descriptor and solver.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of descriptor and solver.")] = 0,
 ) -> None:
     """Find the direction of motion of an event camera from its events."""
     from data_tools.headings import headings_from_files
@@ -164,7 +176,7 @@ def headings(
 @app.command()
 def demo(
     output: Output = None,
-    seed: Annotated[int, typer.Option(help="Seed of the simulated drive.")] = 1,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the simulated drive.")] = 1,
     as_json: Json = False,
 ) -> None:
     """Calibrate a simulated drive and compare with the truth."""
@@ -250,12 +262,15 @@ def _write_folder(folder: Path, calibration: Calibration, true: float | None) ->
 
 def _write(path: Path, writer: Any) -> None:
     """Write beside the final name first: nothing half-written ever stands under it."""
+    if path.is_dir() or not path.name:
+        _fail(f"cannot write {path}: it is a folder, not a file")
     part = path.with_name(path.name + ".part")
     try:
         writer(part)
         part.replace(path)
     except OSError as error:
-        part.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):
+            part.unlink(missing_ok=True)
         _fail(f"cannot write {path}: {error.strerror or error}")
 
 

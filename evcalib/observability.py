@@ -32,6 +32,9 @@ HEADING_BIAS = np.radians(0.75)
 MAX_ROTATION_SD = np.radians(15.0)
 """An axis about which the rotation is less sure than this [rad] counts as not determined."""
 
+SLOW = 0.03
+"""Odometry with longer steps [s] does not show the memory of its noise."""
+
 DIRECTION_FLOOR = 1e-4
 """Velocity directions [rad] are never taken to be more exact than this."""
 
@@ -156,7 +159,7 @@ def _block_means(
     total = np.add.reduceat(v, first, axis=0)
     length = np.maximum(np.linalg.norm(total, axis=1), 1e-300)
     direction = total / length[:, None]
-    sigma, rho = coloured_noise(track.raw, track.segment)
+    sigma, rho = coloured_noise(track.raw, track.segment, float(np.median(np.diff(track.t))))
     # Noise along the direction does not turn it.
     across = float(np.mean((1.0 - direction**2) @ sigma**2)) * (1 + rho) / (1 - rho)
     mean_t = np.add.reduceat(t, first) / count
@@ -166,20 +169,34 @@ def _block_means(
     return mean_t[full], direction[full], segment[first][full], variance
 
 
-def coloured_noise(v: Floats, segment: NDArray[np.int64]) -> tuple[Floats, float]:
+def coloured_noise(
+    v: Floats, segment: NDArray[np.int64], step: float = 0.02
+) -> tuple[Floats, float]:
     """Return the standard deviation per axis of AR(1) noise on a smooth signal, and its rho.
 
     Second differences over h samples have the variance sigma^2 (6 - 8 rho^h + 2 rho^2h); those over
-    1 and 4 samples give both unknowns.
+    1 and 4 samples give both unknowns.  Where 4 samples take long, motion would pass for memory:
+    then the noise is taken for white.
+
+    Parameters
+    ----------
+    v : ndarray, shape (n, k)
+        Samples.
+    segment : ndarray of int, shape (n,)
+        Segments between gaps.
+    step : float
+        Time from one sample to the next [s].
     """
-    near, far = (white_noise(v, segment, lag) for lag in (1, 4))
+    if step > SLOW:
+        return white_noise(v, segment), 0.0
+    near, far = (white_noise(v, segment, lag, order=2) for lag in (1, 4))
     moving = near > 0
     if not moving.any():
         return near, 0.0
     ratio = float(np.sqrt(np.mean(far[moving] ** 2) / np.mean(near[moving] ** 2)))
     rho = np.linspace(0.0, 0.95, 96)
-    spread = _second_difference(rho)
-    rho_hat = float(rho[np.argmin(np.abs(np.sqrt(_second_difference(rho**4) / spread) - ratio))])
+    expected = np.sqrt(_second_difference(rho**4) / _second_difference(rho))
+    rho_hat = float(rho[np.argmin(np.abs(expected - ratio))])
     return near * np.sqrt(6.0 / _second_difference(rho_hat)), rho_hat
 
 
@@ -192,8 +209,7 @@ def direction_spread(d: Floats, track: VelocityTrack) -> DirectionSpread:
     values, vectors = np.linalg.eigh(d.T @ d / len(d))
     axis = vectors[:, 2]
     axis = axis * np.sign(axis[np.argmax(np.abs(axis) > 1e-6)])
-    speed = np.median(np.linalg.norm(track.v, axis=1))
-    noise = float(np.max(track.noise) / max(speed, 1e-12)) ** 2
+    noise = float(np.max(track.noise) / track.moving_speed) ** 2
     return DirectionSpread(axis, float(np.sqrt(max(values[1] - noise, 0.0))), _count_axes(d))
 
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from evcalib import _check
 from evcalib.errors import InputError
 from evcalib.kernels import offset as kernel
+from evcalib.rotation import MIN_SIGMA
 from evcalib.series import HeadingSeries
 from evcalib.track import VelocityTrack, intervals
 
@@ -75,6 +76,13 @@ class OffsetCurve:
 def candidate_offsets(max_offset: float, step: float = STEP) -> Floats:
     """Return offsets [s] from -max_offset to max_offset, zero included."""
     _check.positive(max_offset, "max_offset", "seconds")
+    if max_offset > 1e5 * step:
+        raise InputError(
+            f"max_offset of {max_offset:g} s asks for more than 200,000 candidates; bring the"
+            " clocks together first"
+        )
+    if max_offset < 2 * step:
+        raise InputError(f"max_offset must be at least two steps of {step:g} s, not {max_offset:g}")
     count = int(np.floor(max_offset / _check.positive(step, "step", "seconds") + 1e-9))
     return np.arange(-count, count + 1, dtype=np.float64) * step
 
@@ -137,9 +145,10 @@ def weights(headings: HeadingSeries) -> Floats:
     The scatter that all headings share is taken to be as large as the median standard deviation.
     """
     if headings.weight is not None:
-        w = headings.weight
+        w = headings.weight / max(headings.weight.max(initial=0.0), 1e-300)
     elif headings.sd is not None and headings.sd.any():
-        w = 1.0 / (headings.sd**2 + np.median(headings.sd[headings.sd > 0]) ** 2)
+        sd = np.clip(headings.sd, MIN_SIGMA, np.pi)
+        w = 1.0 / (sd**2 + np.median(sd) ** 2)
     else:
         return np.ones(len(headings))
     return w * (len(headings) / max(w.sum(), 1e-300))

@@ -44,6 +44,10 @@ class Diagnostics:
         Largest change of the rotation [rad] over the plausible offsets.
     offset_sensitivity : float
         Change of the rotation per second of offset [rad/s].
+    agrees : bool
+        Whether the headings agree with the odometry beyond what chance would do.
+    body_turns : float
+        Root mean square yaw rate of the body [rad/s]; 0 where the velocities do not tell it.
     at_edge : bool
         Whether the best offset lies on the border of the search.
     sharp_turns : bool
@@ -60,6 +64,8 @@ class Diagnostics:
     plausible: Floats
     offset_matters: float
     offset_sensitivity: float
+    agrees: bool
+    body_turns: float
     at_edge: bool
     sharp_turns: bool
 

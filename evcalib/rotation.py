@@ -60,6 +60,14 @@ class Mixture:
     flipped: float
     outliers: float
 
+    def evidence(self, u: Floats, weight: Floats) -> float:
+        """Return the log-likelihood ratio of misfits u against all being uniform outliers."""
+        scale = self.sigma**2
+        norm = scale * -np.expm1(-2 / scale)
+        density = self.inliers * np.exp(-u / scale) / norm + self.outliers * 0.5
+        density = density + self.flipped * np.exp(-(2 - u) / scale) / norm
+        return float(weight @ np.log(2 * np.maximum(density, 1e-300)))
+
 
 def estimate_rotation(
     e: Floats, d: Floats, *, method: str = "tukey", weight: Floats | None = None
@@ -108,7 +116,7 @@ def kabsch(e: Floats, d: Floats, weight: Floats) -> Floats:
 
 def misfits(e: Floats, d: Floats, R: Floats) -> Floats:
     """Return 1 - d . R e for each pair, in [0, 2], from |d - R e|^2 / 2 (exact near 0)."""
-    return 0.5 * np.sum((d - e @ R.T) ** 2, axis=1)
+    return np.minimum(0.5 * np.sum((d - e @ R.T) ** 2, axis=1), 2.0)
 
 
 def fit_mixture(u: Floats, weight: Floats | None = None) -> Mixture:

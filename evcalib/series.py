@@ -14,6 +14,10 @@ MAX_SPEED = 100.0
 """Speeds above this [m/s] are taken for a mistake of units."""
 
 
+_TOUCH = 1e-5
+"""Times [s] may lie so far outside their interval, by rounding."""
+
+
 def _optional(values: object, name: str, n: int) -> NDArray[np.float64] | None:
     if values is None:
         return None
@@ -123,6 +127,14 @@ class HeadingSeries:
         if self.t_start is not None and (self.t_end < self.t_start).any():  # type: ignore[operator]
             row = int(np.argmax(self.t_end < self.t_start))  # type: ignore[operator]
             raise InputError(f"heading row {row} ends (t_end) before it starts (t_start)")
+        if self.t_start is not None:
+            outside = (t < self.t_start - _TOUCH) | (t > self.t_end + _TOUCH)  # type: ignore[operator]
+            if outside.any():
+                row = int(np.argmax(outside))
+                raise InputError(
+                    f"heading row {row}: t ({t[row]:.6f} s) is not within t_start and t_end"
+                    f" ({self.t_start[row]:.6f} to {self.t_end[row]:.6f} s)"  # type: ignore[index]
+                )
         for name in ("weight", "sd", "inliers"):
             values = getattr(self, name)
             if values is not None and (values < 0).any():

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from evcalib.errors import InputError
 from evcalib.geometry import rotation_angle
 from evcalib.observability import coloured_noise
-from evcalib.offset import WIDE_REACHES, no_overlap, weights
+from evcalib.offset import WIDE_REACHES, weights
 from evcalib.rotation import (
     Mixture,
     estimate_rotation,
@@ -27,6 +27,12 @@ Floats = NDArray[np.float64]
 
 MIN_PAIRS = 6
 """Fewest headings that a calibration can rest on."""
+
+MIN_AGREEING = 6.0
+"""Fewest independent headings that must agree with the result."""
+
+CHANCE = 3.0
+"""Log-likelihood by which agreement must exceed what a free choice of the unknowns can do."""
 
 RATE_STEP = 0.2
 """Half step [s] of the secant that stands for the derivative of the body direction; noise of the
@@ -67,6 +73,18 @@ class Solution:
     mixture: Mixture
     covariance: JointCovariance
     residuals: Residuals
+    independent: float
+    evidence: float
+
+    @property
+    def agrees(self) -> bool:
+        """Whether the headings agree with the odometry beyond what chance would do.
+
+        A rotation and an offset can be chosen such that a few of any headings fit: four unknowns,
+        each as finely as the noise, must be paid for by the likelihood.
+        """
+        price = 4.0 * np.log(np.pi / self.mixture.sigma)
+        return self.covariance.samples >= MIN_AGREEING and self.evidence >= price + CHANCE
 
     @property
     def noise(self) -> NoiseModel:
@@ -87,8 +105,17 @@ class Solution:
         begin, end = intervals(headings)
         d = track.directions(begin, end, offset)
         known = np.any(d != 0, axis=1)
+        if not known.any():
+            raise InputError(
+                f"headings ({begin[0]:.3f} to {end[-1]:.3f} s) and velocities ({track.t[0]:.3f} to"
+                f" {track.t[-1]:.3f} s, where moving and without gaps) do not overlap at an offset"
+                f" of {offset:g} s; check the clocks"
+            )
         if known.sum() < MIN_PAIRS:
-            raise InputError(no_overlap(headings, track, abs(offset)))
+            raise InputError(
+                f"only {int(known.sum())} of {known.size} headings are covered by odometry that"
+                f" moves and has no gap, at an offset of {offset:g} s; {MIN_PAIRS} are needed"
+            )
         part, d = headings.select(known), d[known]
         w = weights(part)
         estimate = estimate_rotation(part.v, d, method=method, weight=w)
@@ -100,7 +127,9 @@ class Solution:
         covariance = joint_covariance(part.t, turned, d, rate, w, reach, _body_noise(track, part.t))
         angle = 2 * np.arcsin(np.sqrt(np.clip(u / 2, 0.0, 1.0)))
         residuals = Residuals(part.t, turned, d, angle, estimate.weight)
-        return cls(estimate.R_body_cam, mixture, covariance, residuals)
+        independent = covariance.noise.independent(part.t, w)
+        evidence = mixture.evidence(u, w) * independent / u.size
+        return cls(estimate.R_body_cam, mixture, covariance, residuals, independent, evidence)
 
     def rotation_covariance(self, offset_estimated: bool) -> Floats:
         """Return the covariance [rad^2] with the offset estimated along, or as given."""
@@ -113,10 +142,9 @@ def _body_noise(track: VelocityTrack, t: Floats) -> Floats:
 
     In such a sum, smoothing does not lessen the noise: what counts is its variance per time.
     """
-    sigma, rho = coloured_noise(track.raw, track.segment)
-    speed = max(float(np.median(np.linalg.norm(track.v, axis=1))), 1e-12)
+    sigma, rho = coloured_noise(track.raw, track.segment, float(np.median(np.diff(track.t))))
     steps = float(np.median(np.diff(track.t)) / np.median(np.diff(t)))
-    return steps * (1 + rho) / (1 - rho) * (sigma / speed) ** 2
+    return steps * (1 + rho) / (1 - rho) * (sigma / track.moving_speed) ** 2
 
 
 def _direction_rate(
@@ -166,6 +194,5 @@ def has_sharp_turns(track: VelocityTrack, solution: Solution, offset: float) -> 
         float(np.mean(np.sum(_direction_rate(track, series, direction, 0.0, h) ** 2, 1)))
         for h in (RATE_STEP / 4, RATE_STEP)
     )
-    speed = float(np.median(np.linalg.norm(track.v, axis=1)))
-    noise = float(np.max(track.noise)) / max(speed, 1e-12)
+    noise = float(np.max(track.noise)) / track.moving_speed
     return narrow - 0.5 * (2 * noise / RATE_STEP) ** 2 > SHARP**2 * wide

@@ -70,6 +70,13 @@ class VelocityTrack:
         return self.t, self.v, self.slope, self.path, self.segment
 
     @property
+    def moving_speed(self) -> float:
+        """Median speed [m/s] of the samples that move."""
+        speed = np.linalg.norm(self.v, axis=1)
+        moving = speed[(speed >= self.min_speed) & (speed > 0)]
+        return float(np.median(moving)) if moving.size else 1e-12
+
+    @property
     def limits(self) -> tuple[float, float]:
         """Lowest speed with a direction [m/s], and how long [s] the samples at the ends hold."""
         return self.min_speed, self.hold
@@ -103,7 +110,7 @@ def velocity_track(
         Longest step [s] to interpolate across; five times the median step if not given.
     min_speed : float, optional
         Mean speed [m/s] below which there is no direction; a tenth of the 90 % quantile of the
-        speed if not given.
+        speed while moving if not given.
     hold : float
         Time [s] for which the sample at either end of a gap also stands beyond it.  For rows that
         were paired within a tolerance, as the authors' are; 0 never extrapolates.
@@ -119,7 +126,7 @@ def velocity_track(
     t, v = velocities.t, velocities.v
     if t.size < 2:
         raise InputError(f"velocities: at least 2 rows are needed, not {t.size}")
-    top = float(np.quantile(velocities.speed, 0.9))
+    top = _top_speed(velocities.speed)
     if velocities.speed.max() == 0 or (min_speed is None and top == 0):
         raise InputError("velocities: the vehicle does not move (all, or nearly all, are zero)")
     gap = 5 * float(np.median(np.diff(t))) if max_gap is None else max_gap
@@ -141,27 +148,48 @@ def velocity_track(
     )
 
 
+def _top_speed(speed: Floats) -> float:
+    """Return the 90 % quantile [m/s] of the speeds that are not those of standing still."""
+    usual = float(np.quantile(speed, 0.95, method="lower"))
+    return float(np.quantile(speed[speed >= STILL * usual], 0.9))
+
+
 def rebuilt(track: VelocityTrack, v: Floats) -> VelocityTrack:
     """Return the track with other velocities (m, 3) at the same times."""
     slope, path = kernel.slopes(track.t, v), kernel.integrate(track.t, v, track.segment)
     return replace(track, v=v, slope=slope, path=path)
 
 
-def white_noise(v: Floats, segment: NDArray[np.int64], lag: int = 1) -> Floats:
-    """Return the standard deviation of white noise per axis, from second differences.
+def white_noise(v: Floats, segment: NDArray[np.int64], lag: int = 1, *, order: int = 4) -> Floats:
+    """Return the standard deviation of white noise per axis, from differences of the samples.
 
-    Differences beyond three times their median-based scale, turns and outliers, do not count.
-    `lag` is the distance of the differences in samples.
+    Fourth differences hardly see a smooth motion, also where it is sampled slowly.  Those beyond
+    three times their median-based scale, turns and outliers, do not count.
+
+    Parameters
+    ----------
+    v : ndarray, shape (n, k)
+        Samples.
+    segment : ndarray of int, shape (n,)
+        Differences do not reach from one segment into another.
+    lag : int
+        Distance of the differences in samples.
+    order : {2, 4}
+        Order of the differences.
     """
-    whole = segment[2 * lag :] == segment[: -2 * lag]
-    second = (v[2 * lag :] - 2 * v[lag:-lag] + v[: -2 * lag])[whole]
-    if len(second) < 8:
+    weights = {2: (1, -2, 1), 4: (1, -4, 6, -4, 1)}[order]
+    left = len(v) - order * lag
+    if left < 8:
         return np.zeros(v.shape[1])
-    rough = np.median(np.abs(second), axis=0) / 0.6745
-    inside = np.abs(second) <= 3 * rough
-    square = np.sum(np.where(inside, second, 0.0) ** 2, axis=0) / np.maximum(inside.sum(axis=0), 1)
+    total = sum(w * v[k * lag : k * lag + left] for k, w in enumerate(weights))
+    parts = np.asarray(total)[segment[order * lag :] == segment[:left]]
+    if len(parts) < 8:
+        return np.zeros(v.shape[1])
+    rough = np.median(np.abs(parts), axis=0) / 0.6745
+    inside = np.abs(parts) <= 3 * rough
+    square = np.sum(np.where(inside, parts, 0.0) ** 2, axis=0) / np.maximum(inside.sum(axis=0), 1)
     # A normal variable cut off at three standard deviations keeps 97.33 % of its variance.
-    return np.sqrt(square / (0.9733 * 6.0))
+    return np.sqrt(square / (0.9733 * np.sum(np.square(weights))))
 
 
 def intervals(headings: HeadingSeries) -> tuple[Floats, Floats]:

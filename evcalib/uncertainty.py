@@ -44,8 +44,13 @@ class NoiseModel:
 
     def inflation(self, t: Floats) -> float:
         """Return the variance of the mean over times `t`, relative to that of white noise."""
-        ones = np.ones((t.size, 1, 1))
-        return float(kernel.correlated_information(t, ones, self.share, self.memory)[0, 0]) / t.size
+        return t.size / self.independent(t, np.ones(t.size))
+
+    def independent(self, t: Floats, weight: Floats) -> float:
+        """Return how many independent samples the weighted mean over times `t` is worth."""
+        scores = np.ascontiguousarray(weight[:, None, None], dtype=np.float64)
+        spread = float(kernel.correlated_information(t, scores, self.share, self.memory)[0, 0])
+        return float(weight.sum()) ** 2 / max(spread, 1e-300)
 
 
 def fit_noise(t: Floats, noise: Floats) -> NoiseModel:
@@ -107,7 +112,7 @@ class JointCovariance:
     noise : NoiseModel
         Correlation over time.
     samples : float
-        Effective number of independent headings.
+        Effective number of independent headings that agree.
     """
 
     full: Floats
@@ -167,7 +172,7 @@ def joint_covariance(
     J[:, :, 3] = -rate
     J *= weight[:, None, None]
     A = kappa * np.einsum("ica,icb->ab", J, J / np.maximum(weight, 1e-300)[:, None, None])
-    samples = t.size / noise.inflation(t)
+    samples = noise.independent(t, weight * robust)
     # Four parameters were fitted to two numbers per independent heading.
     lost = max(1.0 - 2.0 / max(samples, 1e-12), 0.25)
     B = variance / lost * kernel.correlated_information(t, J, noise.share, noise.memory)

@@ -18,6 +18,9 @@ TURN_MORE = (
     " swinging by 30 degrees or more within a few seconds. Straight lines and arcs at a constant"
     " rate cannot show the offset."
 )
+MAX_TURNING = 0.05
+"""Yaw rate of the body [rad/s] above which the verdict warns."""
+
 SEARCH_FURTHER = "Search further: raise max_offset (--max-offset)."
 SEARCH_LESS = (
     "Search less far (max_offset, --max-offset: below half the period of the motion), or drive"
@@ -89,6 +92,12 @@ def judge(
     """
     reasons: list[str] = []
     advice: list[str] = []
+    if not diagnostics.agrees:
+        reasons.append(
+            "The headings agree with the odometry no better than chance would let a few of any"
+            f" headings do ({diagnostics.independent_headings:.1f} independent ones agree)."
+        )
+        advice.append("Look at the headings, and at which log belongs to which drive.")
     if not offset_observable:
         reason, remedy = _why_not_observable(diagnostics, offset_sd, searched, estimate)
         reasons.append(reason)
@@ -108,13 +117,22 @@ def judge(
             f" {axis_name(unknown_axis)} is unknown."
         )
         advice.append(SPREAD_MORE)
+    if diagnostics.body_turns > MAX_TURNING:
+        reasons.append(
+            f"The body turns at {diagnostics.body_turns:.2f} rad/s (rms): a camera away from its"
+            " origin then moves in another direction, which these error bars do not count."
+        )
+        advice.append("Remove the rows that turn (evcalib velocities --max-yaw-rate).")
     if diagnostics.mixture.flipped > 0.2:
         share = 100 * diagnostics.mixture.flipped
         reasons.append(f"{share:.0f} % of the headings point backwards: check their sign.")
     if diagnostics.mixture.inliers < 0.3:
         share = 100 * diagnostics.mixture.inliers
         reasons.append(f"Only {share:.0f} % of the headings agree with the result.")
-    summary = _summary(offset_observable, rotation_observable, searched, unknown_axis)
+    if not diagnostics.agrees:
+        summary = "The headings do not agree with the odometry: nothing is determined."
+    else:
+        summary = _summary(offset_observable, rotation_observable, searched, unknown_axis)
     return Verdict(summary, tuple(reasons), tuple(advice))
 
 
@@ -145,16 +163,16 @@ def _why_not_observable(
             "The offset is not observable: the direction of travel does not turn at a changing rate"
             f" (z = {diagnostics.heading_rate_z:.1f}, {RATE_GATE:g} is needed)."
         ), [TURN_MORE]
-    if diagnostics.follows_z < FOLLOW_GATE:
-        return (
-            "The offset is not observable: the headings do not follow the turns of the odometry any"
-            f" better than a steady turn (z = {diagnostics.follows_z:.1f}, {FOLLOW_GATE:g} needed)."
-        ), [TURN_MORE]
     if diagnostics.at_edge:
         return (
             "The offset is not observable: the best score lies on the border of the search"
             f" (+-{searched:g} s); the true offset may lie outside."
         ), [SEARCH_FURTHER]
+    if diagnostics.follows_z < FOLLOW_GATE:
+        return (
+            "The offset is not observable: the headings do not follow the turns of the odometry any"
+            f" better than a steady turn (z = {diagnostics.follows_z:.1f}, {FOLLOW_GATE:g} needed)."
+        ), [TURN_MORE]
     if offset_sd >= searched / 4:
         return (
             "The offset is not observable: the direction of travel turns too little for the noise"
