@@ -81,7 +81,7 @@ def test_turns_in_step_with_the_clocks_leave_an_error_of_their_steps():
 
 def test_a_heading_must_lie_within_its_own_interval():
     t = np.array([0.0, 1.0])
-    with pytest.raises(InputError, match="row 0: t .* not within t_start and t_end"):
+    with pytest.raises(InputError, match=r"row 0: t .* not within t_start and t_end"):
         HeadingSeries(t, np.eye(3)[:2], t_start=t + 0.5, t_end=t + 0.6)
 
 
