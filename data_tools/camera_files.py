@@ -39,7 +39,7 @@ def read_camera(
             camera.require_size(width, height)
         return camera
     if width is None or height is None:
-        raise InputError(f"{path} does not tell the sensor size; give width and height")
+        raise InputError(f"{path} does not tell the sensor size; give width and height (--size)")
     return read_calib_txt(path, width, height)
 
 

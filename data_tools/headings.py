@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import time
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,7 +21,7 @@ from evcalib.heading import HeadingEstimate, estimate_headings
 
 @dataclass(frozen=True, eq=False)
 class RecordingHeadings:
-    """Headings of a recording, and a line that sums them up."""
+    """Headings of a recording, and what sums them up: counts, and why windows have none."""
 
     estimate: HeadingEstimate
     summary: str
@@ -43,6 +44,7 @@ def headings_from_files(
     solver: str = "two_point",
     rate: float = 20.0,
     seed: int = 0,
+    time_unit: str | None = None,
 ) -> RecordingHeadings:
     """Read a recording in pieces and estimate its headings.
 
@@ -54,13 +56,17 @@ def headings_from_files(
         The Event Camera Dataset's calib.txt or Kalibr's camchain.
     size : str, optional
         ``WIDTHxHEIGHT`` [px], needed where the camera file does not tell it.
+    time_unit : {"s", "ms", "us", "ns"}, optional
+        Unit of the recording's times; seconds, where they have a decimal point.
     surface, solver, rate, seed
         As in :func:`evcalib.heading.estimate_headings`.
     """
     width, height = (None, None) if size is None else parse_size(size)
     lens = read_camera(camera, width, height)
     started = time.perf_counter()
-    stream = _with_progress(read_events_text(recording, lens.width, lens.height))
+    stream = _with_progress(
+        read_events_text(recording, lens.width, lens.height, time_unit=time_unit)
+    )
     estimate = estimate_headings(stream, lens, surface=surface, solver=solver, rate=rate, seed=seed)
     seconds = time.perf_counter() - started
     events, found = estimate.counts.events, len(estimate.headings)
@@ -70,6 +76,11 @@ def headings_from_files(
         f"{events} events in {seconds:.1f} s ({events / seconds / 1e6:.2f} million/s);"
         f" {found} headings of {found + len(estimate.gaps)} windows, {median} inliers (median)"
     )
+    reasons = Counter(gap.reason for gap in estimate.gaps)
+    if reasons:
+        summary += "\nno heading: " + ", ".join(
+            f"{count} x {reason}" for reason, count in reasons.most_common()
+        )
     return RecordingHeadings(estimate, summary)
 
 

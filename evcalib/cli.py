@@ -160,6 +160,9 @@ def headings(
     size: Annotated[
         str | None, typer.Option(help="Sensor size WIDTHxHEIGHT, where no file tells it.")
     ] = None,
+    time_unit: Annotated[
+        str | None, typer.Option(help="s, ms, us or ns, where the recording does not tell it.")
+    ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of descriptor and solver.")] = 0,
 ) -> None:
     """Find the direction of motion of an event camera from its events."""
@@ -167,10 +170,19 @@ def headings(
     from data_tools.series_files import write_headings
 
     result = headings_from_files(
-        recording, camera, size=size, surface=surface, solver=solver, rate=rate, seed=seed
+        recording,
+        camera,
+        size=size,
+        surface=surface,
+        solver=solver,
+        rate=rate,
+        seed=seed,
+        time_unit=time_unit,
     )
     _write(output, lambda path: write_headings(path, result.estimate.headings))
     print(result.summary)
+    if not len(result.estimate.headings):
+        raise typer.Exit(NO_ANSWER)
 
 
 @app.command()

@@ -252,3 +252,16 @@ def test_importing_evcalib_pulls_in_neither_plots_nor_notebooks():
 def test_the_library_runs_without_matplotlib():
     code = "import sys, evcalib; evcalib.align; sys.exit('matplotlib' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+@pytest.mark.parametrize("name", ["shapes_rotation", "boxes_rotation"])
+def test_a_turning_camera_has_no_heading_and_the_reason_is_said(run, data, tmp_path, name):
+    folder = data / "rotation" / name
+    words = ("--camera", folder / "calib.txt", "--size", "240x180", "--rate", "100")
+    code, out, err = run("headings", folder / "events.txt.gz", *words, "-o", tmp_path / "h.csv")
+    if code == cli.BAD_INPUT:
+        assert "shorter than one baseline" in one_line(err)
+    else:
+        assert code == cli.NO_ANSWER
+        assert " 0 headings of " in out
+        assert "no heading: " in out
