@@ -64,6 +64,8 @@ def align(
     The method takes for granted that the true offset lies within the search, that most headings
     have the right sign (flipping all of them turns the answer by 180 degrees), that neither clock
     drifts, and that the body hardly turns (else the camera moves otherwise than the body's origin).
+    Error bars are those of the default methods: among outliers they are too small for the trace,
+    canonical and scalar offsets and for the kabsch and cca rotations.
 
     Parameters
     ----------
