@@ -226,7 +226,7 @@ def _weigh(
     offsets = candidate_offsets(max_offset)
     plausible = offsets[plausible_offsets(headings, track, offsets, refined, inflation=inflation)]
     begin, end = intervals(headings)
-    part = float(begin[0]) + refined.offset, float(end[-1]) + refined.offset
+    part = float(begin.min()) + refined.offset, float(end.max()) + refined.offset
     turns = heading_rate_test(track, *part)
     steady = steady_turning(track, *part)
     follows = preference(headings, track, steady, refined, inflation=inflation)

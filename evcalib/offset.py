@@ -231,8 +231,7 @@ def _scalar_curve(
     headings: HeadingSeries, track: VelocityTrack, offsets: Floats, half: float = 0.25
 ) -> tuple[Floats, Floats]:
     """Correlate how fast the two directions turn, which no rotation changes (cf. Mair 2011)."""
-    begin, end = intervals(headings)
-    t, rate = _turn_rate(0.5 * (begin + end), headings.v, half)
+    t, rate = _turn_rate(headings.t, headings.v, half)
     score, totals = np.zeros(offsets.size), np.zeros(offsets.size)
     for k, offset in enumerate(offsets):
         before = track.directions(t - half, t - half, offset)

@@ -107,9 +107,9 @@ class Solution:
         known = np.any(d != 0, axis=1)
         if not known.any():
             raise InputError(
-                f"headings ({begin[0]:.3f} to {end[-1]:.3f} s) and velocities ({track.t[0]:.3f} to"
-                f" {track.t[-1]:.3f} s, where moving and without gaps) do not overlap at an offset"
-                f" of {offset:g} s; check the clocks"
+                f"headings ({begin.min():.3f} to {end.max():.3f} s) and velocities"
+                f" ({track.t[0]:.3f} to {track.t[-1]:.3f} s, where moving and without gaps)"
+                f" do not overlap at an offset of {offset:g} s; check the clocks"
             )
         if known.sum() < MIN_PAIRS:
             raise InputError(

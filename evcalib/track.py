@@ -84,8 +84,7 @@ class VelocityTrack:
     def directions(self, start: Floats, end: Floats, offset: float = 0.0) -> Floats:
         """Return unit directions of the mean velocity over [start, end] + offset, shape (n, 3).
 
-        Rows are zero where the interval is not covered or the vehicle stands.  `start` and `end`
-        must ascend.
+        Rows are zero where the interval is not covered or the vehicle stands.
         """
         out = np.empty((3, start.size))
         kernel.directions(start, end, float(offset), *self.arrays, self.limits, out)
@@ -193,17 +192,7 @@ def white_noise(v: Floats, segment: NDArray[np.int64], lag: int = 1, *, order: i
 
 
 def intervals(headings: HeadingSeries) -> tuple[Floats, Floats]:
-    """Return start and end [s] of each heading; equal where it stands for an instant.
-
-    Raises
-    ------
-    InputError
-        If starts or ends do not ascend.
-    """
+    """Return start and end [s] of each heading; equal where it stands for an instant."""
     if headings.t_start is None or headings.t_end is None:
         return headings.t, headings.t
-    for name, values in (("t_start", headings.t_start), ("t_end", headings.t_end)):
-        if (np.diff(values) < 0).any():
-            row = int(np.argmax(np.diff(values) < 0)) + 1
-            raise InputError(f"heading {name} goes back at row {row}; sort the headings by time")
     return headings.t_start, headings.t_end

@@ -38,8 +38,8 @@ def slopes(t, v):
 def directions(start, end, offset, t, v, slope, path, segment, limits, out):
     """Fill `out` with the unit direction of the mean velocity over each shifted [start, end].
 
-    start, end : (n,) each ascending.  Where they are less than `INSTANT` apart, the velocity at the
-        start is used.
+    start, end : (n,) in any order, fastest where neighbours are near.  Where they are less than
+        `INSTANT` apart, the velocity at the start is used.
     offset : added to both.
     limits : (lowest mean speed with a direction [m/s], time [s] for which the sample at either end
         of a segment holds beyond it).
@@ -50,6 +50,8 @@ def directions(start, end, offset, t, v, slope, path, segment, limits, out):
     last = t.size - 2
     for i in range(start.size):
         a, b = start[i] + offset, end[i] + offset
+        while j > 0 and a < t[j]:
+            j -= 1
         while j < last and a >= t[j + 1]:
             j += 1
         if end[i] - start[i] < INSTANT:
@@ -63,6 +65,8 @@ def directions(start, end, offset, t, v, slope, path, segment, limits, out):
             for c in range(3):
                 out[c, i] = v[nearest, c] if held else 0.0
             continue
+        while k > 0 and b <= t[k]:
+            k -= 1
         while k < last and b > t[k + 1]:
             k += 1
         inside = a >= t[j] and b <= t[k + 1] and segment[j] == segment[k + 1]
