@@ -125,7 +125,8 @@ def find_offset(
     headings = covered_at_all(headings, track, offsets[[0, offsets.size // 2, -1]])
     score, totals = _CURVES[method](headings, track, offsets)
     if not (totals > 0).any():
-        raise InputError(no_overlap(headings, track, max_offset))
+        where = f"for any offset within +-{max_offset:g} s; check the clocks or raise max_offset"
+        raise InputError(no_overlap(headings, track, where))
     score = np.where(totals >= MIN_OVERLAP * totals.max(), score, np.nan)
     peak = int(np.nanargmax(score))
     return OffsetCurve(
@@ -154,14 +155,14 @@ def weights(headings: HeadingSeries) -> Floats:
     return w * (len(headings) / max(w.sum(), 1e-300))
 
 
-def no_overlap(headings: HeadingSeries, track: VelocityTrack, max_offset: float) -> str:
-    """Say how far apart two streams are that do not overlap."""
+def no_overlap(headings: HeadingSeries, track: VelocityTrack, where: str) -> str:
+    """Say how far apart two streams are that do not overlap, and `where` they were compared."""
     if headings.t.size == 0:
         return "headings: no usable row is left"
     return (
         f"headings ({headings.t[0]:.3f} to {headings.t[-1]:.3f} s) and velocities"
         f" ({track.t[0]:.3f} to {track.t[-1]:.3f} s, where moving and without gaps) do not overlap"
-        f" for any offset within +-{max_offset:g} s; check the clocks or raise max_offset"
+        f" {where}"
     )
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from evcalib.errors import InputError
 from evcalib.geometry import rotation_angle
 from evcalib.observability import coloured_noise
-from evcalib.offset import WIDE_REACHES, weights
+from evcalib.offset import WIDE_REACHES, no_overlap, weights
 from evcalib.rotation import (
     Mixture,
     estimate_rotation,
@@ -106,11 +106,8 @@ class Solution:
         d = track.directions(begin, end, offset)
         known = np.any(d != 0, axis=1)
         if not known.any():
-            raise InputError(
-                f"headings ({begin.min():.3f} to {end.max():.3f} s) and velocities"
-                f" ({track.t[0]:.3f} to {track.t[-1]:.3f} s, where moving and without gaps)"
-                f" do not overlap at an offset of {offset:g} s; check the clocks"
-            )
+            where = f"at an offset of {offset:g} s; check the clocks"
+            raise InputError(no_overlap(headings, track, where))
         if known.sum() < MIN_PAIRS:
             raise InputError(
                 f"only {int(known.sum())} of {known.size} headings are covered by odometry that"
