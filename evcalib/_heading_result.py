@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from evcalib._heading_fit import Fit, Matches
 from evcalib._keyframes import Counts
+from evcalib._recording import EventRate, Snapshot, SnapshotKeeper
 from evcalib.series import HeadingSeries
 
 Floats = NDArray[np.float64]
@@ -77,6 +78,13 @@ class HeadingEstimate:
         Events, corners, keypoints and what was left out of them.
     correspondences : Correspondences or None
         Where asked for.
+    inlier_share : ndarray, shape (n,), optional
+        Share of the matches of each heading's window that agree with one direction, over all
+        spans.
+    event_rate : EventRate, optional
+        Events over time.
+    snapshot : Snapshot, optional
+        Two keyframes and their matches, from near the middle; None without headings.
     """
 
     headings: HeadingSeries
@@ -84,6 +92,9 @@ class HeadingEstimate:
     gaps: tuple[Gap, ...]
     counts: Counts
     correspondences: Correspondences | None = None
+    inlier_share: Floats | None = None
+    event_rate: EventRate | None = None
+    snapshot: Snapshot | None = None
 
     @property
     def found(self) -> float:
@@ -92,16 +103,56 @@ class HeadingEstimate:
         return n / max(n + len(self.gaps), 1)
 
 
-def series(fits: list[Fit]) -> HeadingSeries:
-    """Return fits as a series."""
-    sd = np.array([f.translation.sd for f in fits])
-    return HeadingSeries(
-        t=np.array([f.t for f in fits]),
-        v=np.array([f.translation.direction for f in fits]).reshape(-1, 3),
-        t_start=np.array([f.t_start for f in fits]),
-        t_end=np.array([f.t_end for f in fits]),
-        sd=sd,
-        inliers=np.array([float(f.inliers) for f in fits]),
+@dataclass(frozen=True, eq=False)
+class Found:
+    """What is kept of a window's fit; its matches are not."""
+
+    t: float
+    t_start: float
+    t_end: float
+    v: Floats
+    covariance: Floats
+    sd: float
+    inliers: int
+    share: float
+
+    @classmethod
+    def of(cls, fit: Fit) -> Found:
+        """Take what is kept out of a fit."""
+        return cls(
+            t=fit.t,
+            t_start=fit.t_start,
+            t_end=fit.t_end,
+            v=fit.translation.direction,
+            covariance=fit.translation.covariance,
+            sd=fit.translation.sd,
+            inliers=fit.inliers,
+            share=float(fit.agreeing.mean()),
+        )
+
+
+def collected(
+    found: list[Found],
+    gaps: list[Gap],
+    counts: Counts,
+    kept: list[tuple[Matches, NDArray[np.bool_]]] | None,
+    rate: EventRate,
+    snapshots: SnapshotKeeper,
+) -> HeadingEstimate:
+    """Return the result of a whole stream."""
+    columns = {
+        name: np.array([getattr(one, name) for one in found], dtype=np.float64)
+        for name in ("t", "t_start", "t_end", "sd", "inliers")
+    }
+    return HeadingEstimate(
+        headings=HeadingSeries(v=np.array([one.v for one in found]).reshape(-1, 3), **columns),
+        covariance=np.array([one.covariance for one in found]).reshape(-1, 3, 3),
+        gaps=tuple(gaps),
+        counts=counts,
+        correspondences=None if kept is None else joined(kept),
+        inlier_share=np.array([one.share for one in found]),
+        event_rate=rate,
+        snapshot=snapshots.result(float(rate.t[0]), float(rate.t[-1]) + rate.width),
     )
 
 

@@ -74,6 +74,8 @@ class Keyframe:
         Typical speed of the corners of late [px/s]; 0 if unknown.
     width : int
         Width of the sensor [px].
+    surface : ndarray, shape (height, width)
+        What the keypoints are described on.
     """
 
     number: int
@@ -83,6 +85,7 @@ class Keyframe:
     bearings: Floats
     flow: float
     width: int
+    surface: NDArray
 
 
 class BearingTable:
@@ -178,7 +181,8 @@ class KeyframeMaker:
         flow = float(np.median(self._flows)) if self._flows else 0.0
         since_us = t_us - int(1e6 * _gathering_time(flow))
         corners = self._gather(since_us, t_us)
-        keypoints = self._finder.find(self._surface.render(t_us), corners)
+        surface = self._surface.render(t_us)
+        keypoints = self._finder.find(surface, corners)
         bearings = self._bearings(keypoints.xy)
         seen = np.isfinite(bearings[:, 0])
         if not seen.all():
@@ -199,6 +203,7 @@ class KeyframeMaker:
             bearings=bearings,
             flow=flow,
             width=self._camera.width,
+            surface=surface,
         )
         self._recent.append(keyframe)
         self._measure_flow()

@@ -20,8 +20,9 @@ from evcalib._heading_fit import (
     fit,
     match_keyframes,
 )
-from evcalib._heading_result import Correspondences, Gap, HeadingEstimate, joined, series
+from evcalib._heading_result import Correspondences, Found, Gap, HeadingEstimate, collected
 from evcalib._keyframes import Counts, Keyframe, KeyframeMaker
+from evcalib._recording import EventRate, RateCounter, Snapshot, SnapshotKeeper
 from evcalib.camera import Camera
 from evcalib.corners import DETECTORS
 from evcalib.errors import InputError
@@ -32,9 +33,11 @@ __all__ = [
     "SOLVERS",
     "Correspondences",
     "Counts",
+    "EventRate",
     "Gap",
     "HeadingEstimate",
     "HeadingEstimator",
+    "Snapshot",
     "estimate_headings",
 ]
 
@@ -94,9 +97,11 @@ class HeadingEstimator:
         self._next = 0
         self._pairs: dict[int, list[Matches]] = {}
         self._keep = keep_correspondences
-        self._fits: list[Fit] = []
+        self._found: list[Found] = []
         self._kept: list[tuple[Matches, NDArray[np.bool_]]] = []
         self._gaps: list[Gap] = []
+        self._rate = RateCounter()
+        self._snapshots = SnapshotKeeper()
 
     def update(self, events: Events) -> None:
         """Take in the next events of the stream."""
@@ -108,6 +113,7 @@ class HeadingEstimator:
             self._keyframes.append(keyframe)
             if keyframe.number - self._next >= self._lag:
                 self._close_window()
+        self._rate.update(events)
 
     def finish(self) -> HeadingEstimate:
         """Return the headings of all events taken in.
@@ -127,9 +133,9 @@ class HeadingEstimator:
                 " longer"
             )
         self._drain()
-        covariance = np.array([f.translation.covariance for f in self._fits]).reshape(-1, 3, 3)
-        kept = joined(self._kept) if self._keep else None
-        return HeadingEstimate(series(self._fits), covariance, tuple(self._gaps), counts, kept)
+        kept = self._kept if self._keep else None
+        rate = self._rate.result()
+        return collected(self._found, self._gaps, counts, kept, rate, self._snapshots)
 
     def _drain(self) -> None:
         """Close the windows that wait for keyframes that will not come."""
@@ -153,7 +159,7 @@ class HeadingEstimator:
             return
         matches = Matches.pooled(parts)
         found = fit(matches, self._options)
-        if isinstance(found, Fit) and self._fits and found.t <= self._fits[-1].t:
+        if isinstance(found, Fit) and self._found and found.t <= self._found[-1].t:
             found = NOT_NEWER
         if isinstance(found, str):
             self._gaps.append(Gap(t, found))
@@ -162,7 +168,8 @@ class HeadingEstimator:
             # Each pair belongs to the window whose middle is nearest, or just before.
             own = matches.middle // 2 == centre
             self._kept.append((matches[own], found.agreeing[own]))
-        self._fits.append(found)
+        self._snapshots.offer(self._keyframes, matches, found)
+        self._found.append(Found.of(found))
 
     def _matches(self, middle: int) -> list[Matches]:
         """Match all keyframe pairs whose numbers add up to `middle`, within the baselines."""
