@@ -29,8 +29,9 @@ def parse_lines(
     """Parse whole lines, the last with its newline too; return how many events.
 
     `unit` is the power of ten from the file's time unit to microseconds, `limits` are width,
-    height, the origin subtracted from times and the largest time [us].  At an error the line's
-    number, the position of its first byte and the reason are left in `state`.
+    height, the origin subtracted from times, the largest time [us] and whether times must ascend.
+    At an error the line's number, the position of its first byte and the reason are left in
+    `state`.
     """
     n = 0
     at = 0
@@ -68,7 +69,7 @@ def _wrong(t: int, column: int, row: int, sign: int, limits: Ints, state: Ints) 
         return NEGATIVE
     if t > limits[3]:
         return TOO_LATE
-    if t < state[LAST]:
+    if t < state[LAST] and limits[4]:
         return BACKWARDS
     if sign < -1 or sign > 1:
         return POLARITY

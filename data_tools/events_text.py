@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data_tools import _events_text_kernels as kernels
+from data_tools.formats import Columns
 from evcalib import _check
 from evcalib.errors import InputError
 from evcalib.events import MAX_TIME_US, Events
@@ -65,12 +66,41 @@ def read_events_text(
         If a line is garbled, cut off, outside the sensor or back in time (with its number), if
         the compressed data is damaged, or if there are no events.
     """
+    for columns in read_text_columns(
+        path,
+        width,
+        height,
+        time_unit=time_unit,
+        origin_us=origin_us,
+        member=member,
+        block_bytes=block_bytes,
+        latest_us=MAX_TIME_US,
+    ):
+        yield Events(*columns, width, height)
+
+
+def read_text_columns(
+    path: str | Path,
+    width: int,
+    height: int,
+    *,
+    time_unit: str | None = None,
+    origin_us: int = 0,
+    member: str | None = None,
+    block_bytes: int = 1 << 23,
+    in_order: bool = True,
+    latest_us: int = 1 << 61,
+) -> Iterator[Columns]:
+    """Yield what `read_events_text` yields as bare columns, of any time up to `latest_us`.
+
+    Where `in_order` is False, times may step back.
+    """
     if time_unit is not None:
         _check.one_of(time_unit, "time_unit", tuple(_POWER))
     sensor = Events.empty(width, height)
     if not isinstance(origin_us, int) or abs(origin_us) > 1 << 61 or block_bytes < 64:
         raise InputError("origin_us must be whole microseconds, and block_bytes at least 64")
-    limits = np.array([sensor.width, sensor.height, origin_us, MAX_TIME_US], dtype=np.int64)
+    limits = np.array([sensor.width, sensor.height, origin_us, latest_us, in_order], dtype=np.int64)
     path = Path(path)
     state = np.zeros(kernels.STATE_SIZE, dtype=np.int64)
     unit = None if time_unit is None else _POWER[time_unit]
@@ -80,9 +110,9 @@ def read_events_text(
             if unit is None:
                 unit = _unit_of(text, path)
             columns = _parse(text, path, 0 if unit is None else unit, limits, state)
-            if columns[0].size:
-                total += columns[0].size
-                yield Events(*columns, sensor.width, sensor.height)
+            if columns.t.size:
+                total += columns.t.size
+                yield columns
     if not total:
         raise InputError(f"{path} holds no events")
 
@@ -167,7 +197,7 @@ def _unit_of(text: bytes, path: Path) -> int | None:
 
 def _parse(
     text: bytes, path: Path, unit: int, limits: NDArray[np.int64], state: NDArray[np.int64]
-) -> tuple[NDArray, NDArray, NDArray, NDArray]:
+) -> Columns:
     room = len(text) // _SHORTEST_LINE + 1
     x, y = np.empty((2, room), dtype=np.uint16)
     t, p = np.empty(room, dtype=np.int64), np.empty(room, dtype=np.bool_)
@@ -176,7 +206,7 @@ def _parse(
         line = text[state[kernels.AT] :].split(b"\n", 1)[0]
         reason = _reason(int(state[kernels.ERROR]), limits, state)
         raise InputError(f"{path}, line {state[kernels.LINE]}: {reason}: {_shown(line)}")
-    return x[:n].copy(), y[:n].copy(), t[:n].copy(), p[:n].copy()
+    return Columns(x[:n].copy(), y[:n].copy(), t[:n].copy(), p[:n].copy())
 
 
 def _reason(error: int, limits: NDArray[np.int64], state: NDArray[np.int64]) -> str:

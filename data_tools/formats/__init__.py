@@ -1,0 +1,151 @@
+"""One module per format of recordings, and what such a module must have.
+
+A format module defines
+
+- ``NAMES``: the names of its formats, as `Recording.format` and messages show them;
+- ``matches(path, head) -> bool``: whether the content is of this format.  ``head`` is the first
+  `HEAD_BYTES` bytes; it is empty for a folder.  Must not raise, and be sure: only one may match;
+- ``open(path, options) -> Source``: reads headers, checks them, and says how to get the events.
+
+and is listed in `MODULES`.  Everything that is the same for all formats (pixels outside the
+sensor, order in time, origin of times, size of pieces) is left to `data_tools.recordings`.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from evcalib.errors import InputError
+
+MODULES = ("text",)
+"""Modules of this package that are formats."""
+
+HEAD_BYTES = 4096
+
+Size = tuple[int, int]
+
+
+class Columns(NamedTuple):
+    """Events as a file has them: not checked, not shifted, perhaps out of order.
+
+    `x`, `y` are unsigned integers [px], `t` is int64 [us] from whatever origin, `p` is bool.
+    """
+
+    x: NDArray[np.unsignedinteger]
+    y: NDArray[np.unsignedinteger]
+    t: NDArray[np.int64]
+    p: NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Options:
+    """What the caller says about a recording; see :func:`data_tools.recordings.open_recording`.
+
+    `disorder` is only for formats that can name the place of a step back better than by the
+    number of the event; under ``"keep"`` they must not refuse.
+    """
+
+    format: str | None = None
+    size: Size | None = None
+    time_unit: str | None = None
+    stream: str | None = None
+    disorder: str = "refuse"
+
+    def sensor(self, path: Path, declared: Size | None) -> Size:
+        """Return (width, height), declared by the file or given by the caller, not both unlike."""
+        if declared is None and self.size is None:
+            raise InputError(f"{path} does not tell the size of the sensor: say it, like 640x480")
+        if declared is not None and self.size is not None and declared != self.size:
+            raise InputError(
+                f"{path} is of a sensor of {declared[0]}x{declared[1]} px,"
+                f" not of {self.size[0]}x{self.size[1]}: is it the right recording?"
+            )
+        size = declared or self.size
+        assert size is not None
+        return size
+
+
+@dataclass(frozen=True)
+class Source:
+    """An opened recording: its headers, and how to get its events.
+
+    Attributes
+    ----------
+    format : str
+        One of the module's ``NAMES``.
+    width, height : int
+        Sensor size [px].
+    pieces : callable
+        Called with a Counter, iterates over all events from the start, in pieces of at most some
+        million events and of any smaller size (empty too).  What cannot be used is counted in
+        the Counter under a reason in words, like ``"bytes of a cut-off last packet"``.
+    notes : tuple of str
+        What the reader took for granted and the user should know.
+    """
+
+    format: str
+    width: int
+    height: int
+    pieces: Callable[[Counter[str]], Iterator[Columns]]
+    notes: tuple[str, ...] = ()
+
+
+class Format(Protocol):
+    """What a format module looks like."""
+
+    NAMES: tuple[str, ...]
+
+    def matches(self, path: Path, head: bytes) -> bool:
+        """Tell whether the content is of this format."""
+
+    def open(self, path: Path, options: Options) -> Source:
+        """Read and check the headers."""
+
+
+def _formats() -> list[Format]:
+    modules = (import_module(f"{__name__}.{name}") for name in MODULES)
+    return list(modules)  # type: ignore[arg-type]
+
+
+def known() -> tuple[str, ...]:
+    """Return the names of all formats."""
+    return tuple(name for module in _formats() for name in module.NAMES)
+
+
+def find(path: Path, name: str | None) -> Format:
+    """Return the format of a file: the one named, or the one that its content fits.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, or no format fits it.
+    """
+    if name is not None:
+        for module in _formats():
+            if name in module.NAMES:
+                return module
+        raise InputError(f"the format must be one of {', '.join(known())}, not {name!r}")
+    head = _head(path)
+    for module in _formats():
+        if module.matches(path, head):
+            return module
+    what = "is empty" if path.is_file() and not head else "is in no format that is known"
+    raise InputError(f"{path} {what}; known are {', '.join(known())}")
+
+
+def _head(path: Path) -> bytes:
+    try:
+        if path.is_dir():
+            return b""
+        with path.open("rb") as file:
+            return file.read(HEAD_BYTES)
+    except OSError as error:
+        raise InputError(f"cannot read {path}: {error.strerror or error}") from None
