@@ -1,0 +1,88 @@
+"""The rivals of our method, and ours, behind one call.
+
+========================  ======================================================================
+``ours``                  :func:`evcalib.align` with its defaults
+``vc``                    the paper: trace correlation, then L1 registration
+``vc_wota``               the paper without time alignment: registration of what is simultaneous
+``authors``               the procedure that the paper's authors released
+``cross_correlation``     correlation of the rates of turning, then least squares
+``cca``                   canonical correlation for both (Qiu et al. 2020)
+``hand_eye``              AX = XB by non-linear least squares, clocks taken as one
+``hand_eye_offset``       the same with the offset as an unknown
+``cgoc``                  AX = XB to certified global optimality (Giamou et al. 2019)
+========================  ======================================================================
+
+The last three align trajectories; the others take headings and velocities.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from evcalib import _check
+from evcalib.baselines.canonical import cca
+from evcalib.baselines.cross_correlation import cross_correlation
+from evcalib.baselines.released import authors
+from evcalib.baselines.rival import (
+    CertifiedCalibration,
+    RivalCalibration,
+    RivalInput,
+    TrajectoryCalibration,
+)
+from evcalib.baselines.velocity_correlation import vc, vc_wota
+from evcalib.calibration import align
+from evcalib.results import Calibration
+
+__all__ = [
+    "METHODS",
+    "TRAJECTORY_METHODS",
+    "CertifiedCalibration",
+    "RivalCalibration",
+    "RivalInput",
+    "TrajectoryCalibration",
+    "calibrate_with",
+]
+
+METHODS: dict[str, Callable[[RivalInput, float, int], Calibration]] = {
+    "ours": lambda s, reach, seed: align(s.headings, s.velocities, max_offset=reach, seed=seed),
+    "vc": lambda s, reach, _: vc(s, max_offset=reach),
+    "vc_wota": lambda s, *_: vc_wota(s),
+    "authors": lambda s, *_: authors(s),
+    "cross_correlation": lambda s, reach, _: cross_correlation(s, max_offset=reach),
+    "cca": lambda s, reach, _: cca(s, max_offset=reach),
+}
+"""Every method by its name: a function of streams, half width of the search [s] and seed."""
+
+TRAJECTORY_METHODS = ("hand_eye", "hand_eye_offset", "cgoc")
+"""Those that need trajectories."""
+
+
+def calibrate_with(
+    name: str, streams: RivalInput, *, max_offset: float = 1.0, seed: int = 0
+) -> Calibration:
+    """Calibrate with the method of this name.
+
+    Parameters
+    ----------
+    name : str
+        A key of `METHODS`.
+    streams : RivalInput
+        Headings and velocities, and both trajectories for the methods that align trajectories.
+    max_offset : float
+        Offsets from -max_offset to max_offset [s] are searched, by the methods that search.
+    seed : int
+        Seed, for the methods that draw.
+
+    Returns
+    -------
+    Calibration
+        Of rivals a :class:`RivalCalibration`, which states no uncertainty.
+
+    Raises
+    ------
+    InputError
+        If the name is unknown, or the streams are unusable.
+    """
+    _check.one_of(name, "method", tuple(METHODS))
+    _check.positive(max_offset, "max_offset", "seconds")
+    return METHODS[name](streams, max_offset, seed)

@@ -1,0 +1,141 @@
+"""Trajectories: poses of a camera or a body over time, for the methods that align trajectories."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation, Slerp
+
+from evcalib import _check
+from evcalib.errors import InputError
+
+Floats = NDArray[np.float64]
+
+MIN_POSES = 3
+"""Fewest poses of a trajectory: two motions."""
+
+UNIT_TOLERANCE = 0.01
+"""Lengths of quaternions within this of 1 are rounding, and are normalised."""
+
+GAP = 5.0
+"""Steps longer than this many median steps are gaps."""
+
+
+@dataclass(frozen=True, eq=False)
+class PoseSeries:
+    """Poses over time: where a sensor was in a world of its own, and how it was turned.
+
+    Attributes
+    ----------
+    t : ndarray, shape (n,)
+        Times [s] on the sensor's clock, strictly increasing, n >= 3.
+    position : ndarray, shape (n, 3)
+        Position in the trajectory's world, in metres or (monocular) in any unit of length.
+    rotation : ndarray, shape (n, 3, 3)
+        Rotations R_world_sensor; given so, or as unit quaternions (w, x, y, z), shape (n, 4), or
+        not at all for a sensor that does not turn.
+    max_gap : float, optional
+        Longest step [s] to interpolate across; five times the median step if not given.
+
+    Raises
+    ------
+    InputError
+        If there are fewer than three poses, or a shape, time, value, quaternion or matrix is
+        unusable.
+    """
+
+    t: Floats
+    position: Floats
+    rotation: Floats | None = None
+    max_gap: float | None = None
+
+    def __post_init__(self) -> None:
+        t = _check.times(self.t, "pose t")
+        if t.size < MIN_POSES:
+            raise InputError(
+                f"a trajectory of {t.size} pose(s) is too short: at least {MIN_POSES} are needed"
+            )
+        position = _check.floats(self.position, "pose position", (t.size, 3))
+        object.__setattr__(self, "t", t)
+        object.__setattr__(self, "position", position)
+        object.__setattr__(self, "rotation", _rotations(self.rotation, t.size))
+        _check.positive(self.gap, "max_gap", "seconds")
+
+    def __len__(self) -> int:
+        return int(self.t.size)
+
+    @property
+    def gap(self) -> float:
+        """Longest step [s] that is interpolated across."""
+        return GAP * float(np.median(np.diff(self.t))) if self.max_gap is None else self.max_gap
+
+    @property
+    def turns(self) -> bool:
+        """Whether any pose is turned against the first one."""
+        return bool(np.any(self.matrices != self.matrices[0]))
+
+    @property
+    def matrices(self) -> Floats:
+        """Rotations R_world_sensor, shape (n, 3, 3)."""
+        return np.asarray(self.rotation, dtype=np.float64)
+
+    def covers(self, t: ArrayLike) -> NDArray[np.bool_]:
+        """Return where times [s] of any shape lie within the trajectory and in none of its gaps."""
+        t = np.asarray(t, dtype=np.float64)
+        row = np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, len(self) - 2)
+        inside = (t >= self.t[0]) & (t <= self.t[-1])
+        return inside & ((np.diff(self.t) <= self.gap)[row] | np.isin(t, self.t))
+
+    def at(self, t: ArrayLike) -> tuple[Floats, Floats]:
+        """Return positions (m, 3) and rotations (m, 3, 3) at covered times (m,).
+
+        Positions are linear and rotations turn at a constant rate (slerp) between the poses.
+
+        Raises
+        ------
+        InputError
+            If a time is outside the trajectory or in a gap: nothing is extrapolated.
+        """
+        times = _check.floats(t, "t", (None,))
+        missing = ~self.covers(times)
+        if missing.any():
+            raise InputError(
+                f"the trajectory ({self.t[0]:.3f} to {self.t[-1]:.3f} s) does not cover"
+                f" {int(missing.sum())} of {times.size} times, the first of them"
+                f" {times[missing][0]:.3f} s: it is outside, or in a gap"
+            )
+        position = np.stack(
+            [np.interp(times, self.t, column) for column in self.position.T], axis=1
+        )
+        if not self.turns:
+            return position, np.broadcast_to(self.matrices[0], (times.size, 3, 3))
+        return position, self._slerp(times).as_matrix()
+
+    @cached_property
+    def _slerp(self) -> Slerp:
+        return Slerp(self.t, Rotation.from_matrix(self.matrices))
+
+
+def _rotations(given: ArrayLike | None, n: int) -> Floats:
+    """Return rotation matrices (n, 3, 3) of matrices, of quaternions (w, x, y, z) or of none."""
+    if given is None:
+        return np.tile(np.eye(3), (n, 1, 1))
+    if np.ndim(given) == 2:
+        wxyz = _check.floats(given, "pose quaternion (w, x, y, z)", (n, 4))
+        off = np.abs(np.linalg.norm(wxyz, axis=1) - 1.0)
+        if off.max() > UNIT_TOLERANCE:
+            row = int(np.argmax(off > UNIT_TOLERANCE))
+            raise InputError(
+                f"pose {row} has a quaternion of length {np.linalg.norm(wxyz[row]):.4g}, not 1:"
+                " is it a unit quaternion, in the right columns?"
+            )
+        return Rotation.from_quat(wxyz[:, [1, 2, 3, 0]]).as_matrix()
+    matrices = _check.floats(given, "pose rotation", (n, 3, 3))
+    off = np.abs(matrices @ matrices.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
+    off = np.maximum(off, np.abs(np.linalg.det(matrices) - 1.0))
+    if off.max() > 1e-6:
+        raise InputError(f"pose {int(np.argmax(off > 1e-6))} has a matrix that is not a rotation")
+    return matrices
