@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from evcalib.errors import InputError
 
-MODULES = ("text",)
+MODULES = ("text", "csv", "npz", "hdf5")
 """Modules of this package that are formats."""
 
 HEAD_BYTES = 4096
