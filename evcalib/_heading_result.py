@@ -140,17 +140,18 @@ def collected(
     snapshots: SnapshotKeeper,
 ) -> HeadingEstimate:
     """Return the result of a whole stream."""
-    columns = {
-        name: np.array([getattr(one, name) for one in found], dtype=np.float64)
-        for name in ("t", "t_start", "t_end", "sd", "inliers")
-    }
+    t, t_start, t_end, sd, inliers, share = (
+        np.array([getattr(one, name) for one in found], dtype=np.float64)
+        for name in ("t", "t_start", "t_end", "sd", "inliers", "share")
+    )
+    v = np.array([one.v for one in found]).reshape(-1, 3)
     return HeadingEstimate(
-        headings=HeadingSeries(v=np.array([one.v for one in found]).reshape(-1, 3), **columns),
+        headings=HeadingSeries(t, v, t_start=t_start, t_end=t_end, sd=sd, inliers=inliers),
         covariance=np.array([one.covariance for one in found]).reshape(-1, 3, 3),
         gaps=tuple(gaps),
         counts=counts,
         correspondences=None if kept is None else joined(kept),
-        inlier_share=np.array([one.share for one in found]),
+        inlier_share=share,
         event_rate=rate,
         snapshot=snapshots.result(float(rate.t[0]), float(rate.t[-1]) + rate.width),
     )

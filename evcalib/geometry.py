@@ -7,6 +7,9 @@ from numpy.typing import ArrayLike, NDArray
 
 Floats = NDArray[np.float64]
 
+LOOKS_FORWARD = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+"""R_body_cam of a camera that looks straight ahead, level."""
+
 
 def random_rotation(rng: np.random.Generator) -> Floats:
     """Return a rotation drawn uniformly from SO(3), shape (3, 3)."""

@@ -8,10 +8,18 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d import Axes3D
+from numpy.typing import NDArray
 
+from evcalib.geometry import LOOKS_FORWARD
 from evcalib.offset import OffsetCurve
 from evcalib.plots import style
 from evcalib.results import Calibration
+from evcalib.series import HeadingSeries, VelocitySeries
+
+Floats = NDArray[np.float64]
+
+SLOW = 0.1
+"""Below this share of the median speed a direction of travel is not drawn."""
 
 _NAMES = {
     "profile": "robust score",
@@ -24,8 +32,14 @@ _SIZES = {
     "correlation": style.WIDE,
     "directions": style.TALL,
     "residuals": style.WIDE,
-    "sphere": style.SQUARE,
+    "sphere": style.PAIR,
 }
+
+_PEAK_SPAN = 0.03
+"""The curve's peak is shown over at least this far to either side [s]."""
+
+_MAP_REACH = 5.0
+"""Half width of the residuals' map in standard deviations."""
 
 
 def draw_curve(
@@ -50,27 +64,69 @@ def draw_curve(
         ax.legend(loc="best")
 
 
+def draw_peak(
+    ax: Axes,
+    curve: OffsetCurve,
+    *,
+    found: float,
+    interval: tuple[float, float],
+    true: float | None = None,
+) -> None:
+    """Draw the part of a score around the offset found, wide enough to show the interval."""
+    draw_curve(ax, curve, found=found, interval=interval, true=true)
+    half = max(_PEAK_SPAN, 1.5 * (interval[1] - interval[0]))
+    if true is not None:
+        half = max(half, 1.2 * abs(true - found))
+    ax.set_xlim(found - half, found + half)
+    near = curve.score[np.abs(curve.offsets - found) <= half]
+    near = near[np.isfinite(near)]
+    low, high = near.min(initial=1.0), near.max(initial=0.0)
+    if low < high:
+        ax.set_ylim(low - 0.1 * (high - low), high + 0.1 * (high - low))
+    if legend := ax.get_legend():
+        legend.remove()
+
+
 def draw_directions(axes: Sequence[Axes], calibration: Calibration) -> None:
     """Draw azimuth and elevation of turned headings and body directions into two axes."""
     residuals = calibration.residuals
     inlier = _inliers(calibration)
     for ax, angle, name in zip(axes, (_azimuth, _elevation), ("azimuth", "elevation"), strict=True):
         camera, body = angle(residuals.turned), angle(residuals.direction)
-        outside = ~inlier
+        t, line = _broken(residuals.t, body)
+        ax.plot(t, line, color=style.BODY, lw=3.5, alpha=0.5, label="body, shifted by the offset")
+        for mask, color, kind in (
+            (inlier, style.CAMERA, "camera, turned into the body frame"),
+            (~inlier, style.OUTLIER, "outliers"),
+        ):
+            ax.plot(residuals.t[mask], camera[mask], ".", ms=3, color=color, label=kind)
+        style.label(ax, "camera time [s]" if ax is axes[-1] else "", f"{name} [deg]")
+    _legend_above(axes[0])
+
+
+def draw_unaligned(
+    axes: Sequence[Axes], headings: HeadingSeries, velocities: VelocitySeries
+) -> None:
+    """Draw the directions of both streams as they came, each on its own clock.
+
+    The camera's are seen as if it looked straight ahead: what separates the two is the rotation
+    (up and down) and the offset (sideways).
+    """
+    speed = velocities.speed
+    moving = velocities.select(speed > SLOW * np.median(speed))
+    turned = headings.v @ LOOKS_FORWARD.T
+    for ax, angle, name in zip(axes, (_azimuth, _elevation), ("azimuth", "elevation"), strict=True):
         ax.plot(
-            residuals.t[outside], camera[outside], ".", ms=3, color=style.OUTLIER, label="outliers"
-        )
-        ax.plot(
-            residuals.t[inlier],
-            camera[inlier],
+            headings.t,
+            angle(turned),
             ".",
             ms=3,
             color=style.CAMERA,
-            label="camera, turned into the body frame",
+            label="camera, as if it looked straight ahead",
         )
-        t, line = _broken(residuals.t, body)
-        ax.plot(t, line, color=style.BODY, label="body, shifted by the offset")
-        style.label(ax, "camera time [s]" if ax is axes[-1] else "", f"{name} [deg]")
+        t, line = _broken(moving.t, angle(moving.v))
+        ax.plot(t, line, color=style.BODY, label="body, on its own clock")
+        style.label(ax, "time on each clock [s]" if ax is axes[-1] else "", f"{name} [deg]")
     _legend_above(axes[0])
 
 
@@ -95,26 +151,46 @@ def draw_residuals(ax: Axes, calibration: Calibration) -> None:
 def draw_sphere(ax: Axes3D, calibration: Calibration) -> None:
     """Draw turned headings and body directions on the unit sphere of the body frame."""
     residuals, inlier = calibration.residuals, _inliers(calibration)
-    u, v = np.mgrid[0 : 2 * np.pi : 25j, 0 : np.pi : 13j]
-    x, y, z = np.cos(u) * np.sin(v), np.sin(u) * np.sin(v), np.cos(v)
-    ax.plot_wireframe(x, y, z, color=style.MUTED, lw=0.3, alpha=0.6, zorder=1)
-    for end, name in zip(np.eye(3) * 1.3, ("x forward", "y left", "z up"), strict=True):
-        ax.plot(*np.outer([0, 1], end).T, color=style.MUTED, lw=1, zorder=2)
-        ax.text(*end * 1.08, name, color=style.MUTED, ha="center", va="center")
-    for mask, color, name in (
-        (~inlier, style.OUTLIER, "outliers"),
-        (inlier, style.CAMERA, "camera, turned"),
-    ):
-        ax.scatter(
-            *residuals.turned[mask].T, s=4, color=color, depthshade=False, label=name, zorder=3
-        )
-    ax.scatter(
-        *residuals.direction.T, s=3, color=style.BODY, depthshade=False, label="body", zorder=4
+    mean = residuals.direction.mean(axis=0)
+    azimuth = float(np.degrees(np.arctan2(mean[1], mean[0]))) - 30.0
+    _draw_globe(ax, elevation=30.0, azimuth=azimuth)
+    looks: tuple[tuple[Floats, float, str, str], ...] = (
+        (residuals.direction, 22, style.BODY, "body"),
+        (residuals.turned[inlier], 3, style.CAMERA, "camera, turned"),
+        (residuals.turned[~inlier], 3, style.OUTLIER, "outliers"),
     )
-    ax.set_box_aspect((1, 1, 1), zoom=1.35)
-    ax.view_init(elev=35, azim=-50)
+    for order, (v, size, color, name) in enumerate(looks, start=3):
+        ax.scatter(
+            *v.T, s=size, color=color, depthshade=False, lw=0, label=name, zorder=order, alpha=1
+        )
     ax.set_axis_off()
-    ax.legend(loc="upper left", markerscale=3)
+    legend = ax.legend(loc="upper left")
+    for handle in legend.legend_handles:
+        handle.set_sizes([22])
+
+
+def draw_residual_map(ax: Axes, calibration: Calibration) -> None:
+    """Draw by how much turned headings are off their body directions, to the left and upwards.
+
+    Circles mark one, two and three standard deviations; what lies outside is drawn on the border.
+    """
+    residuals, inlier = calibration.residuals, _inliers(calibration)
+    sigma = np.degrees(calibration.diagnostics.mixture.sigma)
+    reach = _MAP_REACH * sigma
+    off = _tangent(residuals.turned, residuals.direction)
+    off *= np.degrees(residuals.angle)[:, None]
+    off = np.clip(off, -reach, reach)
+    for mask, color, name in (
+        (inlier, style.INLIER, "inliers"),
+        (~inlier, style.OUTLIER, "outliers"),
+    ):
+        ax.plot(*off[mask].T, ".", ms=4, color=color, label=name, clip_on=False)
+    turn = np.linspace(0.0, 2 * np.pi, 181)
+    for k in (1, 2, 3):
+        ax.plot(k * sigma * np.cos(turn), k * sigma * np.sin(turn), color=style.MUTED, lw=0.8)
+    ax.set(xlim=(reach, -reach), ylim=(-reach, reach), aspect="equal")
+    style.label(ax, "off to the left [deg]", "off upwards [deg]")
+    _legend_above(ax)
 
 
 def alignment_figures(calibration: Calibration, *, true: float | None = None) -> dict[str, Figure]:
@@ -124,19 +200,66 @@ def alignment_figures(calibration: Calibration, *, true: float | None = None) ->
         if calibration.curve is None:
             del figures["correlation"]
         else:
-            observable = calibration.offset_observable
-            draw_curve(
-                figures["correlation"].subplots(),
-                calibration.curve,
-                found=calibration.offset if observable else None,
-                interval=calibration.offset_interval,
-                true=true,
-            )
+            _draw_correlation(figures["correlation"], calibration, calibration.curve, true)
         draw_directions(figures["directions"].subplots(2, 1, sharex=True), calibration)
         draw_residuals(figures["residuals"].subplots(), calibration)
-        sphere = figures["sphere"].add_subplot(projection="3d", computed_zorder=False)
+        sphere = figures["sphere"].add_subplot(121, projection="3d", computed_zorder=False)
         draw_sphere(sphere, calibration)
+        draw_residual_map(figures["sphere"].add_subplot(122), calibration)
     return figures
+
+
+def _draw_correlation(
+    figure: Figure, calibration: Calibration, curve: OffsetCurve, true: float | None
+) -> None:
+    """Draw the whole curve, and its peak beside it where the offset is determined."""
+    interval = calibration.offset_interval
+    if not calibration.offset_observable:
+        draw_curve(figure.subplots(), curve, interval=interval, true=true)
+        return
+    whole, peak = figure.subplots(1, 2, width_ratios=(3, 2))
+    draw_curve(whole, curve, found=calibration.offset, interval=interval, true=true)
+    draw_peak(peak, curve, found=calibration.offset, interval=interval, true=true)
+    peak.set_ylabel("")
+
+
+def _draw_globe(ax: Axes3D, *, elevation: float, azimuth: float) -> None:
+    """Draw meridians and parallels, fainter on the far side, and the axes of the body frame."""
+    view = np.radians([elevation, azimuth])
+    eye = np.array(
+        [np.cos(view[0]) * np.cos(view[1]), np.cos(view[0]) * np.sin(view[1]), np.sin(view[0])]
+    )
+    turn, lift = np.radians(np.arange(0, 361, 5)), np.radians(np.arange(-90, 91, 5))
+    level = np.zeros_like(turn)
+    lines = [_on_sphere(turn, level + np.radians(e)) for e in range(-60, 61, 30)]
+    lines += [_on_sphere(np.radians(a) + np.zeros_like(lift), lift) for a in range(0, 360, 30)]
+    side = np.array([-np.sin(view[1]), np.cos(view[1]), 0.0])
+    limb = np.outer(np.cos(turn), side) + np.outer(np.sin(turn), np.cross(eye, side))
+    ax.plot(*limb.T, color=style.MUTED, lw=0.8)
+    for line in lines:
+        far = (line @ eye < 0)[:, None]
+        for hidden, alpha in ((far, 0.7), (~far, 0.2)):
+            ax.plot(*np.where(hidden, np.nan, line).T, color=style.MUTED, lw=0.5, alpha=alpha)
+    for end, name in zip(np.eye(3) * 1.3, ("x forward", "y left", "z up"), strict=True):
+        ax.plot(*np.outer([0, 1], end).T, color=style.MUTED, lw=1, zorder=2)
+        ax.text(*end * 1.12, name, color=style.MUTED, ha="center", va="center")
+    ax.set_box_aspect((1, 1, 1), zoom=1.35)
+    ax.set(xlim=(-1, 1), ylim=(-1, 1), zlim=(-1, 1))
+    ax.view_init(elev=elevation, azim=azimuth)
+
+
+def _on_sphere(azimuth: Floats, elevation: Floats) -> Floats:
+    flat = np.cos(elevation)
+    return np.stack([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)], axis=-1)
+
+
+def _tangent(v: Floats, d: Floats) -> Floats:
+    """Return the direction in which each `v` lies from its `d`: to the left, upwards; length 1."""
+    left = np.stack([-d[:, 1], d[:, 0], np.zeros(len(d))], axis=1)
+    left /= np.maximum(np.linalg.norm(left, axis=1, keepdims=True), 1e-12)
+    up = np.cross(d, left)
+    flat = np.stack([np.sum(v * left, axis=1), np.sum(v * up, axis=1)], axis=1)
+    return flat / np.maximum(np.linalg.norm(flat, axis=1, keepdims=True), 1e-12)
 
 
 def _inliers(calibration: Calibration) -> np.ndarray:

@@ -32,17 +32,24 @@ def draw_matches(
     inliers : ndarray of bool, shape (n,), optional
         Which of them a direction explains; without, all look like plain measurements.
     """
+    draw_strokes(ax, pairs.xy1, pairs.xy2, inliers)
+    show_image_plane(ax, camera)
+
+
+def draw_strokes(
+    ax: Axes, xy1: Floats, xy2: Floats, inliers: NDArray[np.bool_] | None = None
+) -> None:
+    """Draw matched pixels, shape (n, 2), as strokes that end in a dot; see `draw_matches`."""
     kinds: dict[str, tuple[NDArray[np.bool_], str]] = {}
     if inliers is None:
-        kinds["match"] = np.ones(len(pairs), dtype=np.bool_), style.MEASURED
+        kinds["match"] = np.ones(len(xy1), dtype=np.bool_), style.MEASURED
     else:
         kinds["outlier"] = ~inliers, style.OUTLIER
         kinds["inlier"] = inliers, style.INLIER
     for name, (rows, color) in kinds.items():
-        x, y = (np.column_stack((pairs.xy1[rows, k], pairs.xy2[rows, k])).T for k in (0, 1))
+        x, y = (np.column_stack((xy1[rows, k], xy2[rows, k])).T for k in (0, 1))
         ax.plot(x, y, color=color, lw=1.0)
         ax.plot(x[1], y[1], "o", ms=2.5, color=color, label=name)
-    show_image_plane(ax, camera)
 
 
 def draw_epipolar(ax: Axes, camera: Camera, direction: ArrayLike, xy: ArrayLike) -> None:

@@ -36,6 +36,8 @@ SQUARE = (4.6, 4.6)
 """One panel with equal axes [inch]."""
 WIDE = (8.2, 3.2)
 """A time series, or two panels side by side [inch]."""
+PAIR = (8.2, 4.2)
+"""Two square panels side by side [inch]."""
 TALL = (8.2, 5.6)
 """Stacked time series [inch]."""
 
@@ -83,8 +85,8 @@ def new_figure(size: tuple[float, float] = SQUARE) -> Figure:
     return figure
 
 
-def png(figure: Figure) -> bytes:
+def png(figure: Figure, *, dpi: float = RC["savefig.dpi"]) -> bytes:
     """Return the figure as the bytes of a PNG file, the same for the same picture."""
     buffer = BytesIO()
-    figure.savefig(buffer, format="png", dpi=RC["savefig.dpi"], metadata={"Software": None})
+    figure.savefig(buffer, format="png", dpi=dpi, metadata={"Software": None})
     return buffer.getvalue()
