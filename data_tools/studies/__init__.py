@@ -1,0 +1,95 @@
+"""Studies: named experiments of many trials, on one machine or many.
+
+``run_study("paper", trials=100, seed=1, folder="results")`` runs what is left of a study and
+returns its table.  The table depends on the study, the trials and the seed only: not on how many
+workers there were, on which machine of a cluster, or how often it was killed and taken up again.
+
+A study is a function from a name of `STUDIES`; its modules stand on top of both packages.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from data_tools.studies._engine import run
+from data_tools.studies._model import Cell, Study
+from data_tools.studies._result import StudyResult, Summary, load_study
+from evcalib import _check
+
+__all__ = ["STUDIES", "Cell", "Study", "StudyResult", "Summary", "load_study", "run_study", "study"]
+
+STUDIES = {
+    "paper": "rivals side by side on the paper's drives, and on those that it lacks",
+    "ablations": "what each choice of our method is worth",
+    "coverage": "whether the error bars hold what they promise",
+    "real": "the paper's Table I on its real data",
+}
+"""Names of the studies, and what they ask."""
+
+
+def study(name: str, **options: Any) -> Study:
+    """Return the study of this name; `options` are those of its function ``study``."""
+    _check.one_of(name, "study", tuple(STUDIES))
+    made: Study = import_module(f"data_tools.studies.{name}").study(**options)
+    return made
+
+
+def run_study(
+    name: str | Study,
+    *,
+    trials: int,
+    seed: int,
+    folder: str | Path,
+    workers: int = 1,
+    scheduler: str | None = None,
+    progress: bool | None = None,
+    **options: Any,
+) -> StudyResult:
+    """Run what is left of a study, and return its table.
+
+    Results are kept as they come, in ``NAME.journal``; when the last trial is done they become
+    ``NAME.h5``.  Killed at any moment, the same call goes on from there and does no trial twice.
+    Ctrl-C stops it with everything finished kept.  A trial that raises is a row with the reason; a
+    worker that dies has its trials done again.
+
+    Parameters
+    ----------
+    name : str or Study
+        A key of `STUDIES`, or a study of your own.
+    trials : int
+        Trials per cell.
+    seed : int
+        Trial k of cell c draws from ``SeedSequence(seed).spawn(...)[c].spawn(...)[k]``.
+    folder : str or Path
+        Where its files go; made if there is none.
+    workers : int
+        Processes; 1 runs in this one.
+    scheduler : str, optional
+        Address of a Dask scheduler, to run on its workers (extra ``distributed``).
+    progress : bool, optional
+        Show a progress bar; by default on a terminal only.
+    **options
+        Parameters of the named study.
+
+    Raises
+    ------
+    InputError
+        If the folder holds this study with another seed, other trials or parameters, or the
+        scheduler cannot be reached.
+    EvcalibError
+        If results cannot be written (disk full), or all workers are lost; what was finished is
+        kept.
+    """
+    what = name if isinstance(name, Study) else study(name, **options)
+    path = run(
+        what,
+        Path(folder),
+        trials=trials,
+        seed=seed,
+        workers=workers,
+        scheduler=scheduler,
+        progress=progress,
+    )
+    return load_study(path)
