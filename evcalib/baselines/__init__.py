@@ -29,6 +29,7 @@ from evcalib.baselines.rival import (
     RivalInput,
     TrajectoryCalibration,
 )
+from evcalib.baselines.trajectories import cgoc, hand_eye
 from evcalib.baselines.velocity_correlation import vc, vc_wota
 from evcalib.calibration import align
 from evcalib.results import Calibration
@@ -50,6 +51,9 @@ METHODS: dict[str, Callable[[RivalInput, float, int], Calibration]] = {
     "authors": lambda s, *_: authors(s),
     "cross_correlation": lambda s, reach, _: cross_correlation(s, max_offset=reach),
     "cca": lambda s, reach, _: cca(s, max_offset=reach),
+    "hand_eye": lambda s, *_: hand_eye(s),
+    "hand_eye_offset": lambda s, reach, _: hand_eye(s, max_offset=reach),
+    "cgoc": lambda s, *_: cgoc(s),
 }
 """Every method by its name: a function of streams, half width of the search [s] and seed."""
 
