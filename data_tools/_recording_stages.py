@@ -68,7 +68,7 @@ def inside(
                 f" up to x = {piece.x.max()}, y = {piece.y.max()}; is the size right?"
             )
         losses["events outside the sensor"] += outside
-        yield Columns(*(column[fits] for column in piece))
+        yield piece.rows(fits)
 
 
 def gathered(pieces: Iterable[Columns]) -> Iterator[Columns]:
@@ -92,7 +92,7 @@ def dropped(pieces: Iterable[Columns], late: Disorder, losses: Counter[str]) -> 
         if lag.any():
             keep = lag == 0
             losses["late events"] += int(keep.size - np.count_nonzero(keep))
-            piece = Columns(*(column[keep] for column in piece))
+            piece = piece.rows(keep)
         yield piece
 
 
@@ -126,26 +126,24 @@ def in_order(pieces: Iterable[Columns], late: Disorder) -> Iterator[Columns]:
         merged = piece if held is None else _joined([held, piece])
         if (merged.t[1:] < merged.t[:-1]).any():
             order = np.argsort(merged.t, kind="stable")
-            merged = Columns(*(column[order] for column in merged))
+            merged = merged.rows(order)
         if merged.t.size > _HELD:
             raise InputError(
                 f"over {_HELD} events are within {SORT_WINDOW_US // 1000} ms: too many to sort"
             )
         # An event of the limit itself may go: one that comes later goes after it.
         stop = int(np.searchsorted(merged.t, merged.t[-1] - SORT_WINDOW_US, "right"))
-        held = Columns(*(column[stop:] for column in merged))
+        held = merged.rows(slice(stop, None))
         if stop:
-            yield Columns(*(column[:stop] for column in merged))
+            yield merged.rows(slice(stop))
     if held is not None and held.t.size:
         yield held
 
 
 def _joined(pieces: list[Columns]) -> Columns:
-    if len(pieces) == 1:
-        return pieces[0]
-    return Columns(*(np.concatenate(columns) for columns in zip(*pieces, strict=True)))
+    return pieces[0] if len(pieces) == 1 else Columns.joined(pieces)
 
 
 def _cut(piece: Columns) -> Iterator[Columns]:
     for start in range(0, piece.t.size, MOST):
-        yield Columns(*(column[start : start + MOST] for column in piece))
+        yield piece.rows(slice(start, start + MOST))

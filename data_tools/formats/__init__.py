@@ -14,7 +14,7 @@ sensor, order in time, origin of times, size of pieces) is left to `data_tools.r
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
@@ -43,6 +43,16 @@ class Columns(NamedTuple):
     y: NDArray[np.unsignedinteger]
     t: NDArray[np.int64]
     p: NDArray[np.bool_]
+
+    def rows(self, which: slice | NDArray) -> Columns:
+        """Return the events of a slice, a mask or an order."""
+        return Columns(self.x[which], self.y[which], self.t[which], self.p[which])
+
+    @classmethod
+    def joined(cls, parts: Sequence[Columns]) -> Columns:
+        """Return the events of all parts, one after the other."""
+        x, y, t, p = (np.concatenate(columns) for columns in zip(*parts, strict=True))
+        return cls(x, y, t, p)
 
 
 @dataclass(frozen=True)

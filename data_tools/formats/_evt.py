@@ -1,0 +1,94 @@
+"""Decoders of Prophesee's EVT 2.0 and EVT 3.0 words that keep their state from buffer to buffer."""
+
+from __future__ import annotations
+
+from collections import Counter
+from types import ModuleType
+
+import numpy as np
+
+from data_tools.formats import Columns, _evt2_kernels, _evt3_kernels
+
+_ROOM = 1 << 18
+
+
+class _WordDecoder:
+    """What both decoders share: bytes in of any number, columns out.
+
+    Attributes
+    ----------
+    losses : Counter of str
+        What could not be used so far: reason and count.
+    """
+
+    _kernels: ModuleType
+    _word: np.dtype
+    _reasons: dict[int, str]
+
+    def __init__(self) -> None:
+        self._state = self._kernels.new_state()
+        self._rest = b""
+        self._room: tuple[np.ndarray, ...] = ()
+        self.losses: Counter[str] = Counter()
+
+    def decode(self, data: bytes | bytearray | memoryview) -> Columns:
+        """Return the events of the next bytes of the stream, as they come.
+
+        A word may be cut in two by the end of `data`.  Times [us] are those of the sensor's
+        clock, its loops undone; they may step back.  Pixels are not checked against a sensor.
+        """
+        buffer = self._rest + bytes(data)
+        words = np.frombuffer(buffer, self._word, len(buffer) // self._word.itemsize)
+        self._rest = buffer[words.nbytes :]
+        parts = []
+        at = 0
+        while at < words.size:
+            read, part = self._decode(words[at:])
+            at += read
+            parts.append(part)
+        self._count()
+        if len(parts) == 1:
+            return parts[0]
+        return Columns.joined(parts) if parts else self._decode(words)[1]
+
+    def finish(self) -> None:
+        """Count what is left of a word at the end of the stream."""
+        if self._rest:
+            self.losses["bytes of a cut-off last word"] += len(self._rest)
+            self._rest = b""
+
+    def _decode(self, words: np.ndarray) -> tuple[int, Columns]:
+        if not self._room:
+            x, y = np.empty((2, _ROOM), np.uint16)
+            self._room = x, y, np.empty(_ROOM, np.int64), np.empty(_ROOM, np.bool_)
+        read, n = self._kernels.decode(words, *self._room, self._state)
+        return read, Columns(*(column[:n].copy() for column in self._room))
+
+    def _count(self) -> None:
+        for field, reason in self._reasons.items():
+            if self._state[field]:
+                self.losses[reason] += int(self._state[field])
+                self._state[field] = 0
+
+
+class Evt2Decoder(_WordDecoder):
+    """Decoder of EVT 2.0, 32-bit words, little-endian."""
+
+    _kernels = _evt2_kernels
+    _word = np.dtype("<u4")
+    _reasons = {  # noqa: RUF012
+        _evt2_kernels.EARLY: "events before the first time word",
+        _evt2_kernels.UNKNOWN: "words of unknown type",
+    }
+
+
+class Evt3Decoder(_WordDecoder):
+    """Decoder of EVT 3.0, 16-bit words, little-endian."""
+
+    _kernels = _evt3_kernels
+    _word = np.dtype("<u2")
+    _reasons = {  # noqa: RUF012
+        _evt3_kernels.NO_TIME: "events before the first time words",
+        _evt3_kernels.NO_PLACE: "events before the first row or base column",
+        _evt3_kernels.UNKNOWN: "words of unknown type",
+    }
