@@ -214,12 +214,12 @@ def direction_spread(d: Floats, track: VelocityTrack) -> DirectionSpread:
 
 
 def _count_axes(d: Floats, apart: float = np.radians(10.0), share: float = 0.05) -> int:
-    near = np.abs(d @ d.T) > np.cos(apart / 2) if len(d) <= 2000 else None
-    if near is None:
+    if len(d) > 2000:
         return _count_axes(d[:: len(d) // 1000])
+    near = (np.abs(d @ d.T) > np.cos(apart / 2)).astype(np.float32)
     left, count = np.ones(len(d), dtype=bool), 0
     while left.any():
-        size = (near & left).sum(axis=1)
+        size = near @ left.astype(np.float32)
         if size.max() < share * len(d):
             break
         count += 1

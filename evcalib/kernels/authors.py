@@ -3,6 +3,7 @@
 import numpy as np
 
 from evcalib.kernels._jit import jit
+from evcalib.kernels.rotation import best_rotation
 
 RIDGE = 1e-5
 TINY = 1e-10
@@ -20,13 +21,19 @@ def kabsch(v_e, v_o):
 @jit
 def multiplied_weights(v_e, v_o, floor, iterations):
     """Return R after re-weighting where each weight multiplies what is already weighted."""
-    scaled = v_e.copy()
-    R = kabsch(scaled, v_o)
+    scaled, target = np.ascontiguousarray(v_e.T), np.ascontiguousarray(v_o.T)
+    R = best_rotation(target @ scaled.T)
     for _ in range(iterations - 1):
-        for i in range(len(scaled)):
-            gap = np.linalg.norm(scaled[i] - R.T @ v_o[i])
-            scaled[i] /= max(floor, gap)
-        R = kabsch(scaled, v_o)
+        for i in range(len(v_e)):
+            x, y, z = target[0, i], target[1, i], target[2, i]
+            a = scaled[0, i] - (R[0, 0] * x + R[1, 0] * y + R[2, 0] * z)
+            b = scaled[1, i] - (R[0, 1] * x + R[1, 1] * y + R[2, 1] * z)
+            c = scaled[2, i] - (R[0, 2] * x + R[1, 2] * y + R[2, 2] * z)
+            gain = 1.0 / max(floor, np.sqrt(a * a + b * b + c * c))
+            scaled[0, i] *= gain
+            scaled[1, i] *= gain
+            scaled[2, i] *= gain
+        R = best_rotation(target @ scaled.T)
     return R
 
 
