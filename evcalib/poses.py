@@ -67,12 +67,12 @@ class PoseSeries:
     def __len__(self) -> int:
         return int(self.t.size)
 
-    @property
+    @cached_property
     def gap(self) -> float:
         """Longest step [s] that is interpolated across."""
         return GAP * float(np.median(np.diff(self.t))) if self.max_gap is None else self.max_gap
 
-    @property
+    @cached_property
     def turns(self) -> bool:
         """Whether any pose is turned against the first one."""
         return bool(np.any(self.matrices != self.matrices[0]))
@@ -85,9 +85,10 @@ class PoseSeries:
     def covers(self, t: ArrayLike) -> NDArray[np.bool_]:
         """Return where times [s] of any shape lie within the trajectory and in none of its gaps."""
         t = np.asarray(t, dtype=np.float64)
-        row = np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, len(self) - 2)
+        after = np.clip(np.searchsorted(self.t, t), 1, len(self) - 1)
         inside = (t >= self.t[0]) & (t <= self.t[-1])
-        return inside & ((np.diff(self.t) <= self.gap)[row] | np.isin(t, self.t))
+        on_pose = (t == self.t[after]) | (t == self.t[after - 1])
+        return inside & (on_pose | (self.t[after] - self.t[after - 1] <= self.gap))
 
     def at(self, t: ArrayLike) -> tuple[Floats, Floats]:
         """Return positions (m, 3) and rotations (m, 3, 3) at covered times (m,).

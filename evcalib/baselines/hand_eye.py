@@ -29,7 +29,7 @@ Floats = NDArray[np.float64]
 KEYFRAMES = 50
 """Poses that are taken, evenly spread: every pair of them is a motion."""
 
-SEARCH_STEP = 0.05
+SEARCH_STEP = 0.1
 """Grid of the search for the offset [s]; trajectories are integrals, and smooth."""
 
 LEVER_TOLERANCE = np.radians(1.0)
@@ -231,10 +231,9 @@ def closed_form(pairs: Motions) -> Floats:
     step = max(len(pairs.camera) // 10, 1)
     R_B, t_B = _steps(pairs.camera, pairs.camera_turn, step)
     R_A, t_A = _steps(pairs.body, pairs.body_turn, step)
-    axes_B, axes_A = Rotation.from_matrix(R_B).as_rotvec(), Rotation.from_matrix(R_A).as_rotvec()
-    H = axes_B.T @ axes_A
+    H = _axes(R_B).T @ _axes(R_A)
     spread = np.linalg.svd(H, compute_uv=False)
-    if spread[1] <= TURN_SPREAD * spread[0] or spread[1] <= len(R_B) * LEVER_TOLERANCE**2:
+    if spread[1] <= max(TURN_SPREAD * spread[0], len(R_B) * LEVER_TOLERANCE**2):
         H = H + t_B.T @ t_A / max(float(np.linalg.norm(t_B) * np.linalg.norm(t_A)), 1e-300)
     U, _, Vt = np.linalg.svd(H)
     return U @ np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))]) @ Vt
@@ -243,6 +242,13 @@ def closed_form(pairs: Motions) -> Floats:
 def _steps(position: Floats, turn: Floats, step: int) -> tuple[Floats, Floats]:
     back = turn[:-step].transpose(0, 2, 1)
     return back @ turn[step:], np.einsum("nab,nb->na", back, position[step:] - position[:-step])
+
+
+def _axes(turn: Floats) -> Floats:
+    """Return rotation vectors (n, 3), without looking at turns that are none."""
+    if np.all(turn == np.eye(3)):
+        return np.zeros((len(turn), 3))
+    return Rotation.from_matrix(turn).as_rotvec()
 
 
 def minimise(form: Quadratic, start: Floats, *, polished: int = 4) -> Floats:
