@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from evcalib.errors import InputError
 
-MODULES = ("text", "csv", "npz", "hdf5")
+MODULES = ("text", "csv", "npz", "hdf5", "prophesee_raw", "prophesee_dat", "aedat4", "rosbag")
 """Modules of this package that are formats."""
 
 HEAD_BYTES = 4096
@@ -122,7 +122,7 @@ class Format(Protocol):
 
 def _formats() -> list[Format]:
     modules = (import_module(f"{__name__}.{name}") for name in MODULES)
-    return list(modules)  # type: ignore[arg-type]
+    return list(modules)
 
 
 def known() -> tuple[str, ...]:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterator
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 
@@ -28,28 +30,35 @@ class _WordDecoder:
     def __init__(self) -> None:
         self._state = self._kernels.new_state()
         self._rest = b""
-        self._room: tuple[np.ndarray, ...] = ()
+        self._room: tuple[Any, ...] = ()
         self.losses: Counter[str] = Counter()
 
     def decode(self, data: bytes | bytearray | memoryview) -> Columns:
-        """Return the events of the next bytes of the stream, as they come.
+        """Return the events of the next bytes of the stream, in the order of the words.
 
-        A word may be cut in two by the end of `data`.  Times [us] are those of the sensor's
-        clock, its loops undone; they may step back.  Pixels are not checked against a sensor.
+        `data` may end within a word.  Times [us] are those of the sensor's clock, its loops
+        undone; they may step back.  Pixels are not checked against a sensor.
         """
+        return Columns.joined(list(self.pieces(data)))
+
+    def pieces(self, data: bytes | bytearray | memoryview) -> Iterator[Columns]:
+        """Yield what `decode` returns in pieces of up to 262,144 events, at least one piece."""
         buffer = self._rest + bytes(data)
         words = np.frombuffer(buffer, self._word, len(buffer) // self._word.itemsize)
         self._rest = buffer[words.nbytes :]
-        parts = []
         at = 0
-        while at < words.size:
-            read, part = self._decode(words[at:])
+        while True:
+            read, piece = self._decode(words[at:])
             at += read
-            parts.append(part)
-        self._count()
-        if len(parts) == 1:
-            return parts[0]
-        return Columns.joined(parts) if parts else self._decode(words)[1]
+            self._count()
+            yield piece
+            if at == words.size:
+                return
+
+    def take_losses(self) -> Counter[str]:
+        """Return what could not be used since this was last asked, and forget it."""
+        losses, self.losses = self.losses, Counter()
+        return losses
 
     def finish(self) -> None:
         """Count what is left of a word at the end of the stream."""
@@ -62,7 +71,8 @@ class _WordDecoder:
             x, y = np.empty((2, _ROOM), np.uint16)
             self._room = x, y, np.empty(_ROOM, np.int64), np.empty(_ROOM, np.bool_)
         read, n = self._kernels.decode(words, *self._room, self._state)
-        return read, Columns(*(column[:n].copy() for column in self._room))
+        x, y, t, p = (column[:n].copy() for column in self._room)
+        return read, Columns(x, y, t, p)
 
     def _count(self) -> None:
         for field, reason in self._reasons.items():

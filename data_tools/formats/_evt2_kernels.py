@@ -47,7 +47,7 @@ def decode(
             return k, n
         word = np.int64(words[k])
         kind = word >> 28
-        if kind == OFF or kind == ON:
+        if kind in (OFF, ON):
             if state[HIGH] < 0:
                 state[EARLY] += 1
                 continue
@@ -62,6 +62,6 @@ def decode(
             elif state[HIGH] >= 0 and high - state[HIGH] > _HALF:
                 state[LOOPS] -= _LOOP
             state[HIGH] = high
-        elif kind != EXT_TRIGGER and kind != OTHERS and kind != CONTINUED:
+        elif kind not in (EXT_TRIGGER, OTHERS, CONTINUED):
             state[UNKNOWN] += 1
     return words.size, n

@@ -12,6 +12,10 @@ from numpy.typing import NDArray
 
 from evcalib.kernels._jit import jit
 
+Shorts = NDArray[np.uint16]
+Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+
 ADDR_Y, ADDR_X, BASE_X, VECT_12, VECT_8, TIME_LOW = 0x0, 0x2, 0x3, 0x4, 0x5, 0x6
 CONTINUED_4, TIME_HIGH, EXT_TRIGGER, OTHERS, CONTINUED_12 = 0x7, 0x8, 0xA, 0xE, 0xF
 
@@ -26,7 +30,7 @@ _HALF = 1 << 11
 _LOOP = 1 << 24
 
 
-def new_state() -> NDArray[np.int64]:
+def new_state() -> Ints:
     """Return the state before the first word."""
     state = np.zeros(STATE_SIZE, dtype=np.int64)
     state[[ROW, BASE, HIGH, LOW]] = -1
@@ -34,14 +38,7 @@ def new_state() -> NDArray[np.int64]:
 
 
 @jit
-def decode(
-    words: NDArray[np.uint16],
-    x: NDArray[np.uint16],
-    y: NDArray[np.uint16],
-    t: NDArray[np.int64],
-    p: NDArray[np.bool_],
-    state: NDArray[np.int64],
-) -> tuple[int, int]:
+def decode(words: Shorts, x: Shorts, y: Shorts, t: Ints, p: Bools, state: Ints) -> tuple[int, int]:
     """Decode until words or room end; return how many words were read and events written."""
     n = 0
     for k in range(words.size):
@@ -64,15 +61,15 @@ def decode(
             state[BASE], state[SIGN] = value & 0x7FF, value >> 11
         elif kind == TIME_HIGH:
             _set_high(value, state)
-        elif not (
-            kind == EXT_TRIGGER or kind == OTHERS or kind == CONTINUED_4 or kind == CONTINUED_12
-        ):
+        elif kind not in (EXT_TRIGGER, OTHERS, CONTINUED_4, CONTINUED_12):
             state[UNKNOWN] += 1
     return words.size, n
 
 
 @jit
-def _vector(mask, pixels, x, y, t, p, n, state):
+def _vector(
+    mask: int, pixels: int, x: Shorts, y: Shorts, t: Ints, p: Bools, n: int, state: Ints
+) -> int:
     """Write the events of a mask and move the base behind it."""
     count = 0
     for k in range(pixels):
@@ -90,7 +87,7 @@ def _vector(mask, pixels, x, y, t, p, n, state):
 
 
 @jit
-def _usable(state, base, count):
+def _usable(state: Ints, base: int, count: int) -> bool:
     """Count events whose time or place has not been told yet; return whether both have."""
     if state[HIGH] < 0 or state[LOW] < 0:
         state[NO_TIME] += count
@@ -102,12 +99,12 @@ def _usable(state, base, count):
 
 
 @jit
-def _time(state):
-    return state[LOOPS] + (state[HIGH] << 12) + state[LOW]
+def _time(state: Ints) -> int:
+    return int(state[LOOPS] + (state[HIGH] << 12) + state[LOW])
 
 
 @jit
-def _set_high(high, state):
+def _set_high(high: int, state: Ints) -> None:
     """Set the high bits; the low ones start anew with them, until their own word comes.
 
     A step by more than half the range, 8.4 s, is a loop of the 24-bit clock; a smaller one back is
