@@ -29,15 +29,10 @@ MUCH_GATED = 0.2
 """Share of wheel rows left out above which the report points it out."""
 
 
-def status(calibration: Calibration) -> tuple[str, str]:
-    """Return the verdict in two or three words, and how good it is: yes, partly or no."""
-    if calibration.rotation_observable and calibration.offset_observable:
-        return "Rotation and offset are determined.", "yes"
-    if calibration.rotation_observable:
-        return "The rotation is determined, the offset is not.", "partly"
-    if calibration.offset_observable:
-        return "The offset is determined, the rotation is not.", "partly"
-    return "Neither rotation nor offset is determined.", "no"
+def success(calibration: Calibration) -> str:
+    """Return how much of the question is answered: yes, partly or no."""
+    answers = (calibration.rotation_observable, calibration.offset_observable)
+    return "yes" if all(answers) else "partly" if any(answers) else "no"
 
 
 def findings(run: CalibrationRun) -> list[str]:
@@ -157,7 +152,7 @@ def evidence(calibration: Calibration) -> list[Row]:
         (
             "Spread of the directions of travel",
             f"{np.degrees(found.spread.spread):.1f} deg",
-            f"root mean square, {found.spread.axes} axes of the rotation are seen",
+            f"root mean square; distinct axes, 10 deg apart: {found.spread.axes}",
         ),
         (
             "Second peak of the curve",
@@ -196,11 +191,11 @@ def _offset_sentence(calibration: Calibration) -> str:
             f"The offset between the clocks is not determined; {calibration.offset:+.3f} s is"
             f" {origin}."
         )
-    order = "ahead of" if calibration.offset >= 0 else "behind"
+    order, sign = ("ahead of", "+") if calibration.offset >= 0 else ("behind", "-")
     return (
         f"The vehicle's clock is {abs(calibration.offset):.4f} s {order} the camera's:"
-        f" t_body = t_cam {calibration.offset:+.4f} s, with 95 % probability between {low:+.4f}"
-        f" and {high:+.4f} s."
+        f" t_body = t_cam {sign} {abs(calibration.offset):.4f} s, with 95 % probability between"
+        f" {low:+.4f} and {high:+.4f} s."
     )
 
 
@@ -216,9 +211,14 @@ def _rotation_sentence(calibration: Calibration) -> str:
         roll = float(mounting(calibration.R_body_cam)[0])
         looks = ", ".join(
             (
-                _side(left, "to the left", "to the right", "straight ahead"),
-                _side(up, "up", "down", "level"),
-                _side(roll, "rolled to its right", "rolled to its left", "not rolled"),
+                _side("{} deg to the left", "{} deg to the right", "straight ahead", left),
+                _side("{} deg up", "{} deg down", "level", up),
+                _side(
+                    "rolled by {} deg to its right",
+                    "rolled by {} deg to its left",
+                    "not rolled",
+                    roll,
+                ),
             )
         )
     return (
@@ -227,10 +227,11 @@ def _rotation_sentence(calibration: Calibration) -> str:
     )
 
 
-def _side(angle: float, positive: str, negative: str, zero: str) -> str:
+def _side(positive: str, negative: str, zero: str, angle: float) -> str:
+    """Put an angle [deg] into the phrase for its sign."""
     if abs(angle) < 0.05:
         return zero
-    return f"{abs(angle):.1f} deg {positive if angle > 0 else negative}"
+    return (positive if angle > 0 else negative).format(f"{abs(angle):.1f}")
 
 
 def _listed(values: Floats, digits: int) -> str:

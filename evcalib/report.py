@@ -34,7 +34,8 @@ CAPTIONS = {
         "Score of every offset",
         "How well the two streams agree under their best rotation, for each offset tried. One high"
         " peak within the search is good; several of one height would mean a motion that repeats"
-        " itself. The green band is the 95 % interval.",
+        " itself. The green band is the 95 % interval, or all that is plausible where the offset is"
+        " not determined.",
     ),
     "residuals": (
         "Residuals over time",
@@ -80,7 +81,7 @@ def report_html(run: CalibrationRun) -> str:
     str
         HTML that needs no script and no network, adapts to light and dark and prints.
     """
-    name = next(iter(run.files.values()), "")
+    name = ", ".join(file.name for file in run.files.values())
     css = files("evcalib").joinpath("report.css").read_text(encoding="utf-8")
     return page(
         "Calibration of camera and vehicle",
@@ -98,16 +99,15 @@ def report_html(run: CalibrationRun) -> str:
 
 
 def _verdict(run: CalibrationRun) -> Html:
-    short, kind = text.status(run.calibration)
     verdict = run.calibration.verdict
     said = [*text.findings(run), *verdict.reasons, *text.cautions(run)]
     return tag(
         "div",
-        tag("p", short if verdict.summary.startswith("The motion") else verdict.summary),
+        tag("p", verdict.summary),
         *(tag("p", sentence) for sentence in said),
         tag("h3", "What to do next"),
         _list(text.next_steps(run)),
-        class_=f"verdict {kind}",
+        class_=f"verdict {text.success(run.calibration)}",
     )
 
 
@@ -145,7 +145,8 @@ def _pictures(run: CalibrationRun) -> Html:
 
 def _data(run: CalibrationRun) -> Html:
     estimate, counts = run.estimate, run.estimate.counts
-    recording = [*run.files.items(), *run.recording.items()]
+    recording = [(role, str(file)) for role, file in run.files.items()]
+    recording += run.recording.items()
     recording.append(("Events", f"{counts.events:,}"))
     if estimate.event_rate is not None:
         spanned = estimate.event_rate.t[-1] + estimate.event_rate.width - estimate.event_rate.t[0]

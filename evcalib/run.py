@@ -46,6 +46,29 @@ class Gating:
         return cls(body.rows, body.over_slip, body.over_yaw_rate, body.removed)
 
 
+@dataclass(frozen=True)
+class InputFile:
+    """A file that a run read.
+
+    Attributes
+    ----------
+    name : str
+        Without its folder.
+    size : int
+        Bytes.
+    sha256 : str
+        Digest in hexadecimal, or nothing.
+    """
+
+    name: str
+    size: int
+    sha256: str = ""
+
+    def __str__(self) -> str:
+        digest = f", sha256 {self.sha256}" if self.sha256 else ""
+        return f"{self.name}, {self.size:,} bytes{digest}"
+
+
 @dataclass(frozen=True, eq=False)
 class Truth:
     """What a simulation knows.
@@ -88,8 +111,8 @@ class CalibrationRun:
         Stage to seconds.
     command : str
         Command line that repeats the run.
-    files : mapping of str to str
-        Role of each input file to its name, size and digest.
+    files : mapping of str to InputFile
+        Role to file, the recording first.
     truth : Truth, optional
         Where it is known.
     """
@@ -104,7 +127,7 @@ class CalibrationRun:
     versions: Mapping[str, str] = field(default_factory=dict)
     timings: Mapping[str, float] = field(default_factory=dict)
     command: str = ""
-    files: Mapping[str, str] = field(default_factory=dict)
+    files: Mapping[str, InputFile] = field(default_factory=dict)
     truth: Truth | None = None
 
     @property

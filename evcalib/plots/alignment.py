@@ -35,6 +35,9 @@ _SIZES = {
     "sphere": style.PAIR,
 }
 
+_FLAT = 0.1
+"""The score's axis shows at least this range, so that its noise does not fill it."""
+
 _PEAK_SPAN = 0.03
 """The curve's peak is shown over at least this far to either side [s]."""
 
@@ -50,15 +53,22 @@ def draw_curve(
     interval: tuple[float, float] | None = None,
     true: float | None = None,
 ) -> None:
-    """Draw a score over candidate offsets, with the offset found, its interval, and the truth."""
+    """Draw a score over candidate offsets, with the offset found, its interval, and the truth.
+
+    Without an offset found the interval is that of all plausible ones.
+    """
     ax.plot(curve.offsets, curve.score, color=style.BODY)
     if interval is not None:
-        ax.axvspan(*interval, color=style.INLIER, alpha=0.2, lw=0, label="95 % interval")
+        name = "plausible" if found is None else "95 % interval"
+        ax.axvspan(*interval, color=style.INLIER, alpha=0.2, lw=0, label=name)
     if found is not None:
         ax.axvline(found, color=style.INLIER, label=f"found {found:.4f} s")
     if true is not None:
         ax.axvline(true, color=style.TRUE, ls="--", label=f"true {true:.4f} s")
     ax.margins(x=0)
+    low, high = ax.get_ylim()
+    spare = max(_FLAT - (high - low), 0.0)
+    ax.set_ylim(low - 0.5 * spare, high + 0.5 * spare)
     style.label(ax, "offset [s]", f"{_NAMES[curve.method]} [-]")
     if ax.get_legend_handles_labels()[0]:
         ax.legend(loc="best")
@@ -189,6 +199,7 @@ def draw_residual_map(ax: Axes, calibration: Calibration) -> None:
     for k in (1, 2, 3):
         ax.plot(k * sigma * np.cos(turn), k * sigma * np.sin(turn), color=style.MUTED, lw=0.8)
     ax.set(xlim=(reach, -reach), ylim=(-reach, reach), aspect="equal")
+    ax.locator_params(nbins=6)
     style.label(ax, "off to the left [deg]", "off upwards [deg]")
     _legend_above(ax)
 
@@ -203,9 +214,10 @@ def alignment_figures(calibration: Calibration, *, true: float | None = None) ->
             _draw_correlation(figures["correlation"], calibration, calibration.curve, true)
         draw_directions(figures["directions"].subplots(2, 1, sharex=True), calibration)
         draw_residuals(figures["residuals"].subplots(), calibration)
-        sphere = figures["sphere"].add_subplot(121, projection="3d", computed_zorder=False)
+        grid = figures["sphere"].add_gridspec(1, 2, width_ratios=(6, 5), wspace=0.08)
+        sphere = figures["sphere"].add_subplot(grid[0], projection="3d", computed_zorder=False)
         draw_sphere(sphere, calibration)
-        draw_residual_map(figures["sphere"].add_subplot(122), calibration)
+        draw_residual_map(figures["sphere"].add_subplot(grid[1]), calibration)
     return figures
 
 
@@ -243,7 +255,7 @@ def _draw_globe(ax: Axes3D, *, elevation: float, azimuth: float) -> None:
     for end, name in zip(np.eye(3) * 1.3, ("x forward", "y left", "z up"), strict=True):
         ax.plot(*np.outer([0, 1], end).T, color=style.MUTED, lw=1, zorder=2)
         ax.text(*end * 1.12, name, color=style.MUTED, ha="center", va="center")
-    ax.set_box_aspect((1, 1, 1), zoom=1.35)
+    ax.set_box_aspect((1, 1, 1), zoom=1.15)
     ax.set(xlim=(-1, 1), ylim=(-1, 1), zlim=(-1, 1))
     ax.view_init(elev=elevation, azim=azimuth)
 

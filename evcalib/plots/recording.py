@@ -40,12 +40,10 @@ def draw_event_rate(ax: Axes, rate: EventRate) -> None:
     style.label(ax, "camera time [s]", f"event rate [{name}]")
 
 
-def draw_inlier_share(ax: Axes, estimate: HeadingEstimate) -> None:
-    """Draw the share of matches that agree with each heading over time."""
-    if estimate.inlier_share is None:
-        return
-    percent = 100.0 * estimate.inlier_share
-    ax.plot(estimate.headings.t, percent, ".", ms=3, color=style.INLIER)
+def draw_inlier_share(ax: Axes, t: Floats, share: Floats) -> None:
+    """Draw the share of matches that agree with each heading over time [s]."""
+    percent = 100.0 * share
+    ax.plot(t, percent, ".", ms=3, color=style.INLIER)
     if percent.size:
         median = float(np.median(percent))
         ax.axhline(median, color=style.MUTED, lw=1, label=f"median, {median:.0f} %")

@@ -39,11 +39,16 @@ def report_figures(run: CalibrationRun) -> dict[str, Figure]:
 
 
 def _headings_figure(run: CalibrationRun) -> Figure:
-    figure = style.new_figure(style.TALL)
+    estimate = run.estimate
     rows = 1 + len(run.gap_reasons)
+    if estimate.inlier_share is None:
+        figure = style.new_figure((style.WIDE[0], 1.0 + 0.5 * rows))
+        draw_gaps(figure.subplots(), estimate)
+        return figure
+    figure = style.new_figure(style.TALL)
     share, gaps = figure.subplots(2, 1, sharex=True, height_ratios=(7, 1 + rows))
-    draw_inlier_share(share, run.estimate)
-    draw_gaps(gaps, run.estimate)
+    draw_inlier_share(share, estimate.headings.t, estimate.inlier_share)
+    draw_gaps(gaps, estimate)
     share.set_xlabel("")
     return figure
 
