@@ -1,0 +1,245 @@
+"""ROS 1 and ROS 2 bags without ROS: topics, raw messages, and what is left of a cut-off bag.
+
+The reading is done by the library ``rosbags`` (extra ``formats``).  A ROS 1 bag without an index,
+as a recorder leaves it that was cut off, is read as far as its last whole record.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from data_tools import _bag_salvage as salvage
+from evcalib.errors import InputError
+
+MAGIC = {b"#ROSBAG V2.0\n": ".bag", b"\x89MCAP0\r\n": ".mcap", b"SQLite format 3\x00": ".db3"}
+"""First bytes of the three kinds of files, and the suffix that each must have."""
+
+_EVENT = "uint16 x\nuint16 y\nbuiltin_interfaces/Time ts\nbool polarity\n"
+_ARRAY = "std_msgs/Header header\nuint32 height\nuint32 width\nEvent[] events\n"
+_PACKET = (
+    "std_msgs/Header header\nuint32 height\nuint32 width\nuint64 seq\nuint64 time_base\n"
+    "string encoding\nbool is_bigendian\nuint8[] events\n"
+)
+DEFINITIONS = {
+    "dvs_msgs/msg/Event": _EVENT,
+    "dvs_msgs/msg/EventArray": _ARRAY,
+    "prophesee_event_msgs/msg/Event": _EVENT,
+    "prophesee_event_msgs/msg/EventArray": _ARRAY,
+    "event_camera_msgs/msg/EventPacket": _PACKET,
+    "event_array_msgs/msg/EventArray": _PACKET,
+}
+"""The message types of event cameras; ROS 2 bags need not define what they hold."""
+
+
+@dataclass(frozen=True)
+class Topic:
+    """A topic of a bag: name, message type (``package/msg/Type``), number of messages if known."""
+
+    name: str
+    type: str
+    count: int | None = None
+
+
+@dataclass
+class Bag:
+    """An opened bag, made by `open_bag`.
+
+    Attributes
+    ----------
+    path : Path
+        The file or folder.
+    ros : int
+        1 or 2: how messages are serialised.
+    topics : tuple of Topic
+        What it holds.
+    losses : Counter
+        Reason and count of what could not be read; filled while messages are read.
+    """
+
+    path: Path
+    ros: int
+    topics: tuple[Topic, ...]
+    losses: Counter[str]
+    _raw: Callable[[str], Iterator[bytes]]
+    _definitions: dict[str, str | None]
+    _stores: dict[str, Any] = field(default_factory=dict)
+
+    def messages(self, topic: Topic) -> Iterator[bytes]:
+        """Yield the messages of a topic as they are serialised, in the order of recording."""
+        with _errors(self.path):
+            yield from self._raw(topic.name)
+
+    def decode(self, topic: Topic, raw: bytes) -> Any:
+        """Return a message as an object with the fields of its definition."""
+        store = self._store(topic.type)
+        read = store.deserialize_ros1 if self.ros == 1 else store.deserialize_cdr
+        with _errors(self.path):
+            return read(raw, topic.type)
+
+    def fields(self, topic: Topic, type: str | None = None) -> dict[str, Any]:
+        """Return the fields of the topic's message type, or of another that it contains."""
+        definitions = self._store(topic.type).fielddefs
+        return dict(definitions[type or topic.type][1])
+
+    def choose(self, types: tuple[str, ...], name: str | None, what: str) -> Topic:
+        """Return the topic that is named, or the only one of the given message types."""
+        fitting = [topic for topic in self.topics if topic.type in types]
+        if name is not None:
+            for topic in fitting:
+                if topic.name.strip("/") == name.strip("/"):
+                    return topic
+        if len(fitting) == 1 and name is None:
+            return fitting[0]
+        if name is None and fitting:
+            names = ", ".join(topic.name for topic in fitting)
+            raise InputError(f"{self.path} has several topics of {what}: {names}; say which")
+        there = ", ".join(f"{topic.name} ({topic.type})" for topic in self.topics) or "nothing"
+        asked = f"no topic {name} of {what}" if name else f"no topic of {what}"
+        raise InputError(f"{self.path} has {asked}; it holds {there}")
+
+    def _store(self, type: str) -> Any:
+        if type not in self._stores:
+            with _errors(self.path):
+                self._stores[type] = _typestore(type, self._definitions.get(type))
+        return self._stores[type]
+
+
+def is_bag(path: Path, head: bytes) -> bool:
+    """Tell whether a file, by its first bytes, or a folder is a bag."""
+    if any(head.startswith(magic) for magic in MAGIC):
+        return True
+    if head:
+        return False
+    try:
+        with (path / "metadata.yaml").open("rb") as file:
+            return b"rosbag2_bagfile_information" in file.read(4096)
+    except OSError:
+        return False
+
+
+@contextmanager
+def open_bag(path: str | Path) -> Iterator[Bag]:
+    """Open a bag for reading.
+
+    Parameters
+    ----------
+    path : path
+        A ROS 1 bag (``.bag``), a ROS 2 bag file (``.mcap``, ``.db3``) or its folder.
+
+    Yields
+    ------
+    Bag
+        Usable until the context ends.
+
+    Raises
+    ------
+    InputError
+        If ``rosbags`` is not installed, or the file is no bag or damaged.
+    """
+    path = Path(path)
+    try:
+        from rosbags.interfaces import MessageDefinitionFormat
+        from rosbags.rosbag1 import Reader as Reader1
+        from rosbags.rosbag2 import Reader as Reader2
+    except ImportError:
+        raise InputError('bags need the package rosbags: pip install "evcalib[formats]"') from None
+    suffix = _suffix(path)
+    if suffix == ".bag" and salvage.is_unindexed(path):
+        with _errors(path):
+            bag = _salvaged(path)
+        yield bag
+        return
+    with _errors(path):
+        reader: Any = Reader1(path) if suffix == ".bag" else Reader2(path)
+        reader.open()
+    try:
+        connections = list(reader.connections)
+        definitions = {
+            c.msgtype: c.msgdef.data if c.msgdef.format == MessageDefinitionFormat.MSG else None
+            for c in connections
+        }
+
+        def raw(name: str) -> Iterator[bytes]:
+            wanted = [c for c in connections if c.topic == name]
+            return (data for _, _, data in reader.messages(connections=wanted))
+
+        yield Bag(
+            path, 1 if suffix == ".bag" else 2, _topics(connections), Counter(), raw, definitions
+        )
+    finally:
+        reader.close()
+
+
+def _topics(connections: list[Any]) -> tuple[Topic, ...]:
+    counts: Counter[tuple[str, str]] = Counter()
+    for connection in connections:
+        counts[connection.topic, connection.msgtype] += connection.msgcount
+    return tuple(Topic(*key, count) for key, count in counts.items())
+
+
+def _salvaged(path: Path) -> Bag:
+    found = {(c.topic, c.type): c for c in salvage.connections(path)}
+    if not found:
+        raise InputError(f"{path} is cut off before its first messages; record it again")
+    losses: Counter[str] = Counter()
+    return Bag(
+        path,
+        1,
+        tuple(Topic(*key) for key in found),
+        losses,
+        lambda name: salvage.messages(path, name, losses),
+        {connection.type: connection.definition for connection in found.values()},
+    )
+
+
+def _suffix(path: Path) -> str:
+    """Return the kind of a bag, seen from its content; its name must agree, or `rosbags` balks."""
+    if path.is_dir():
+        return ""
+    try:
+        with path.open("rb") as file:
+            head = file.read(32)
+    except OSError as error:
+        raise InputError(f"cannot read {path}: {error.strerror or error}") from None
+    for magic, suffix in MAGIC.items():
+        if head.startswith(magic):
+            if suffix != ".bag" and path.suffix != suffix:
+                raise InputError(f"{path} is a ROS 2 bag, whose name must end in {suffix}")
+            return suffix
+    raise InputError(f"{path} is no ROS 1 bag (version 2.0), nor a ROS 2 bag (mcap, sqlite3)")
+
+
+def _typestore(type: str, definition: str | None) -> Any:
+    """Return a store that knows one type: from the bag's own definition, else from ours."""
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    if definition is not None:
+        store = get_typestore(Stores.EMPTY)
+        store.register(get_types_from_msg(definition, type))
+        return store
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    for name, text in DEFINITIONS.items():
+        store.register(get_types_from_msg(text, name))
+    return store
+
+
+@contextmanager
+def _errors(path: Path) -> Iterator[None]:
+    """Turn whatever `rosbags` says of a damaged bag into an InputError."""
+    try:
+        yield
+    except InputError:
+        raise
+    except PermissionError as error:
+        raise InputError(f"cannot read {path}: {error.strerror or error}") from None
+    except Exception as error:  # a damaged file makes the library fail in ways beyond counting
+        why = str(error) or type(error).__name__
+        raise InputError(
+            f"{path} is damaged or cut off: {why}; `rosbag reindex` (ROS 1), `mcap recover` or"
+            " sqlite's .recover (ROS 2) may save a part"
+        ) from None
