@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from evcalib import _check
 from evcalib.errors import InputError
+from evcalib.kernels import mixture as kernel
 
 Floats = NDArray[np.float64]
 
@@ -130,25 +131,8 @@ def fit_mixture(u: Floats, weight: Floats | None = None) -> Mixture:
 
 
 def _fit_mixture(u: Floats, w: Floats, sigma: float) -> tuple[float, Mixture]:
-    shares = np.array([0.6, 0.05, 0.35])
-    likelihood = -np.inf
-    for _ in range(200):
-        scale = max(sigma, MIN_SIGMA) ** 2
-        norm = scale * -np.expm1(-2 / scale)
-        parts = shares * np.stack(
-            [np.exp(-u / scale) / norm, np.exp(-(2 - u) / scale) / norm, np.full(len(u), 0.5)], 1
-        )
-        density = parts.sum(axis=1)
-        before, likelihood = likelihood, float(w @ np.log(np.maximum(density, 1e-300)))
-        parts *= (w / np.maximum(density, 1e-300))[:, None]
-        members = parts.sum(axis=0)
-        # One pair's worth of outliers is always allowed for, so that no share sticks at zero.
-        shares = (members + [0, 0.1, 0.1]) / (members.sum() + 0.2)
-        spread = parts[:, 0] @ u + parts[:, 1] @ (2 - u)
-        sigma = min(float(np.sqrt(spread / max(members[0] + members[1], 1e-12))), 1.0)
-        if likelihood - before < 1e-9 * w.sum():
-            break
-    return likelihood, Mixture(max(sigma, MIN_SIGMA), *(float(s) for s in shares))
+    likelihood, found = kernel.fit_mixture(u, w, sigma, MIN_SIGMA)
+    return float(likelihood), Mixture(*(float(value) for value in found))
 
 
 def _kabsch_estimate(e: Floats, d: Floats, w: Floats) -> RotationEstimate:
