@@ -21,18 +21,30 @@ from evcalib import _check
 __all__ = ["STUDIES", "Cell", "Study", "StudyResult", "Summary", "load_study", "run_study", "study"]
 
 STUDIES = {
-    "paper": "rivals side by side on the paper's drives, and on those that it lacks",
+    "paper": "rivals side by side on the paper's arcs and polylines",
+    "drives": "the same on zigzags, S-curves and fingers, which the paper lacks",
     "ablations": "what each choice of our method is worth",
     "coverage": "whether the error bars hold what they promise",
     "real": "the paper's Table I on its real data",
 }
 """Names of the studies, and what they ask."""
 
+_HOMES = {"drives": ("paper", "drives")}
+
 
 def study(name: str, **options: Any) -> Study:
-    """Return the study of this name; `options` are those of its function ``study``."""
+    """Return the study of this name.
+
+    Parameters
+    ----------
+    name : str
+        A key of `STUDIES`.
+    **options
+        Its parameters: those of the function ``study`` of the module of its name.
+    """
     _check.one_of(name, "study", tuple(STUDIES))
-    made: Study = import_module(f"data_tools.studies.{name}").study(**options)
+    home, function = _HOMES.get(name, (name, "study"))
+    made: Study = getattr(import_module(f"data_tools.studies.{home}"), function)(**options)
     return made
 
 

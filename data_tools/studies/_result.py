@@ -57,9 +57,10 @@ class StudyResult:
         return [row for row in rows if row[2]]
 
     def column(self, name: str) -> NDArray[Any]:
-        """Return a column of the table."""
-        _check.one_of(name, "column", tuple(self.table))
-        return self.table[name]
+        """Return a column of the table; ``"|name|"`` gives absolute values."""
+        bare = name[1:-1] if name[:1] == name[-1:] == "|" else name
+        _check.one_of(bare, "column", tuple(self.table))
+        return self.table[name] if bare == name else np.abs(self.table[bare])
 
     def values(self, column: str, **where: Any) -> NDArray[Any]:
         """Return a column's values in the rows that gave something and match, as in
