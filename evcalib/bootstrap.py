@@ -39,8 +39,8 @@ def bootstrap(
     replacement, and offset and rotation are searched anew in each draw.
     """
     begin, end = intervals(headings)
-    e = np.ascontiguousarray(headings.v.T)
-    steps = np.linspace(-WINDOW, WINDOW, 61)
+    weight = weights(headings)
+    steps = np.linspace(-WINDOW, WINDOW, 31)
     reach = min(tukey_reach(refined.mixture.sigma), 0.5)
     reaches = np.array([0.5, reach, reach])
     memory = 4 * noise.memory if noise.share > 0.1 else 0.0
@@ -51,11 +51,12 @@ def bootstrap(
     errors = np.empty((DRAWS, 4))
     for draw in range(DRAWS):
         times = np.bincount(rng.integers(count, size=count), minlength=count)
+        drawn = times[block] > 0
         score, _, rotations = kernel.profile(
-            begin,
-            end,
-            e,
-            weights(headings) * times[block],
+            begin[drawn],
+            end[drawn],
+            np.ascontiguousarray(headings.v[drawn].T),
+            (weight * times[block])[drawn],
             refined.offset + steps,
             track.arrays,
             track.limits,
