@@ -9,12 +9,13 @@ from pathlib import Path
 
 from data_tools import _recording_stages as stages
 from data_tools.formats import Columns, Format, Options, Size, Source, find
+from data_tools.recording_info import RecordingInfo, describe
 from evcalib import _check
 from evcalib._event_columns import side, whole_us
 from evcalib.errors import InputError
 from evcalib.events import MAX_TIME_US, Events
 
-__all__ = ["Recording", "open_recording"]
+__all__ = ["Recording", "RecordingInfo", "describe", "open_recording"]
 
 
 def open_recording(
@@ -101,15 +102,15 @@ class Recording:
         self._source = module.open(path, options)
         self.path, self.format = path, self._source.format
         self.width, self.height = self._source.width, self._source.height
-        self.losses = losses = Counter[str]()
         self.notes = list(self._source.notes)
-        first = next(self._ordered(losses, stages.Disorder()), None)
+        first = next(self.columns(), None)
         if first is None:
-            lost = ", ".join(f"{count} {reason}" for reason, count in losses.items() if count)
+            lost = ", ".join(f"{count} {reason}" for reason, count in self.losses.items() if count)
             raise InputError(f"{path} holds no events" + (f" ({lost})" if lost else ""))
-        self.origin_us = (
-            _origin(int(first.t[0])) if origin_us is None else whole_us(origin_us, "origin_us")
-        )
+        if origin_us is None:
+            self.origin_us = _origin(int(first.t.min()))
+        else:
+            self.origin_us = whole_us(origin_us, "origin_us")
 
     def __repr__(self) -> str:
         return f"<{self.format} recording {self.path}, {self.width}x{self.height} px>"
