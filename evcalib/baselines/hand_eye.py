@@ -188,7 +188,7 @@ def hand_eye(
     step = float(candidates[1] - candidates[0])
     bounds = (max(low - step, candidates[0]), min(low + step, candidates[-1]))
     found = optimize.minimize_scalar(
-        lambda x: best(x)[0], bounds=bounds, method="bounded", options={"xatol": 1e-5}
+        lambda x: best(x)[0], bounds=bounds, method="bounded", options={"xatol": 1e-4}
     )
     _, form, R = best(float(found.x))
     return solution(form, R, float(found.x))

@@ -19,23 +19,21 @@ def normal_matrix(camera, camera_turn, body, body_turn, weight):
     where B and A are the motions of camera and body from the first to the second pose of a pair.
     """
     N = np.zeros((UNKNOWNS, UNKNOWNS))
-    row = np.empty(UNKNOWNS)
+    row, products = np.empty(UNKNOWNS), np.zeros((9, 9))
+    R_A, R_B, t_A, t_B = np.empty((3, 3)), np.empty((3, 3)), np.empty(3), np.empty(3)
     count = 0
     for i in range(len(camera) - 1):
         for j in range(i + 1, len(camera)):
-            R_B, t_B = _motion(camera, camera_turn, i, j)
-            R_A, t_A = _motion(body, body_turn, i, j)
+            _motion(camera, camera_turn, i, j, R_B, t_B)
+            _motion(body, body_turn, i, j, R_A, t_A)
             count += 1
             for a in range(3):
                 for b in range(3):
-                    # |R_B R - R R_A|^2 = 6 - 2 r^T (R_B kron R_A) r: both turns keep lengths.
                     for c in range(3):
                         for d in range(3):
-                            N[3 * a + c, 3 * b + d] -= R_B[a, b] * R_A[c, d]
-                            N[3 * b + d, 3 * a + c] -= R_B[a, b] * R_A[c, d]
+                            products[3 * a + c, 3 * b + d] += R_B[a, b] * R_A[c, d]
                 row[:] = 0.0
                 for b in range(3):
-                    N[3 * a + b, 3 * a + b] += 2.0
                     row[3 * a + b] = t_A[b]
                     row[10 + b] = (1.0 if a == b else 0.0) - R_B[a, b]
                 row[9] = -t_B[a]
@@ -43,19 +41,20 @@ def normal_matrix(camera, camera_turn, body, body_turn, weight):
                     if row[k] != 0.0:
                         for m in range(UNKNOWNS):
                             N[k, m] += weight * row[k] * row[m]
+    # |R_B R - R R_A|^2 = 2 |r|^2 - 2 r^T (R_B kron R_A) r, because turns keep lengths.
+    N[:9, :9] += 2.0 * count * np.eye(9) - products - products.T
     return N, count
 
 
 @jit
-def _motion(position, turn, i, j):
-    """Return R_i^T R_j and R_i^T (p_j - p_i)."""
-    R, t = np.zeros((3, 3)), np.zeros(3)
+def _motion(position, turn, i, j, R, t):
+    """Set R to R_i^T R_j and t to R_i^T (p_j - p_i)."""
+    R[:], t[:] = 0.0, 0.0
     for a in range(3):
         for c in range(3):
             t[a] += turn[i, c, a] * (position[j, c] - position[i, c])
             for b in range(3):
                 R[a, b] += turn[i, c, a] * turn[j, c, b]
-    return R, t
 
 
 @jit
