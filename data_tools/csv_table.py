@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -35,8 +36,10 @@ class Table:
         return f"{self.path} line {self.line[int(np.argmax(bad))]}"
 
 
-def read_table(path: str | Path) -> Table:
+def read_table(path: str | Path, only: Collection[str] | None = None) -> Table:
     """Read a CSV file of finite numbers with at least two rows below its header.
+
+    With `only`, the other columns are passed over, whatever they hold.
 
     Raises
     ------
@@ -45,6 +48,10 @@ def read_table(path: str | Path) -> Table:
         that is no finite number; the message names file, line and column.
     """
     header, rows, lines = _read_cells(path)
+    if only is not None:
+        places = [k for k, name in enumerate(header) if name in only]
+        header = [header[k] for k in places]
+        rows = [[row[k] for k in places] for row in rows]
     if len(rows) < 2:
         have = "no row" if not rows else "one row"
         raise InputError(f"{path} has {have} below its header; at least two are needed")
@@ -62,8 +69,16 @@ def read_table(path: str | Path) -> Table:
     return Table(str(path), dict(zip(header, values.T.copy(), strict=True)), np.array(lines))
 
 
-def check_times(table: Table, column: str = "t", max_step: float | None = None) -> None:
-    """Refuse times that do not increase, or whose median step [s] betrays another unit."""
+def check_times(
+    table: Table,
+    column: str = "t",
+    max_step: float | None = None,
+    max_jump: float | None = None,
+) -> None:
+    """Refuse times that do not increase, whose median step [s] betrays another unit, or that jump.
+
+    A step above `max_jump` [s] is taken for a clock that was set, not for a gap.
+    """
     t = table.columns[column]
     steps = np.diff(t)
     for bad, what in ((steps < 0, "goes back"), (steps == 0, "repeats")):
@@ -78,6 +93,13 @@ def check_times(table: Table, column: str = "t", max_step: float | None = None) 
         raise InputError(
             f"{table.path}: the median step of column {column} is {np.median(steps):.6g};"
             " are the times in seconds?"
+        )
+    if max_jump is not None and steps.max() > max_jump:
+        row = int(np.argmax(steps)) + 1
+        raise InputError(
+            f"{table.path} line {table.line[row]}: time {t[row]:.6f} s is {steps[row - 1]:.0f} s"
+            f" after the row before it in column {column}: the clock was set, or two logs were"
+            " joined; cut the file there"
         )
 
 

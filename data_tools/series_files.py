@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from data_tools.column_maps import Columns, read_mapped
 from data_tools.csv_table import Table, check_times, read_table, write_table
 from evcalib.authors import PairedRows
 from evcalib.errors import InputError
@@ -73,22 +74,33 @@ def write_headings(path: str | Path, headings: HeadingSeries) -> None:
     write_table(path, columns)
 
 
-def read_velocities(path: str | Path) -> VelocitySeries:
+def read_velocities(
+    path: str | Path, columns: Columns | None = None, time_unit: str = "s"
+) -> VelocitySeries:
     """Read a velocities file.
+
+    Parameters
+    ----------
+    path : path
+        The CSV file.
+    columns : mapping or path, optional
+        Which of its columns, in which units, are ours; see `data_tools.column_maps`.
+    time_unit : {"s", "ms", "us", "ns"}
+        Unit of ``t``, unless the map tells it.
 
     Raises
     ------
     InputError
         If the file is empty, lacks a column or has an unknown one, or a row is unusable.
     """
-    table = read_table(path)
+    table = read_mapped(path, columns, time_unit=time_unit)
     _check_columns(table, ("t", "vx", "vy"), ("vz", "yaw_rate"))
     check_times(table, max_step=MAX_STEP)
-    columns = table.columns
-    v_z = columns.get("vz", np.zeros_like(columns["t"]))
+    found = table.columns
+    v_z = found.get("vz", np.zeros_like(found["t"]))
     try:
-        v = np.stack([columns["vx"], columns["vy"], v_z], axis=1)
-        return VelocitySeries(columns["t"], v, columns.get("yaw_rate"))
+        v = np.stack([found["vx"], found["vy"], v_z], axis=1)
+        return VelocitySeries(found["t"], v, found.get("yaw_rate"))
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
 

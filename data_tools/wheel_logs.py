@@ -3,6 +3,7 @@
 Columns, in any order: ``t`` [s], then for each wheel of the vehicle file ``speed_NAME`` [m/s] and,
 if the vehicle steers, ``steer_NAME`` [rad].  For every kind of wheel, mecanum and omni included,
 the speed is that of the rim: rotation rate [rad/s] times wheel radius [m], negative = backwards.
+Logs with other columns or units are read by a map, see `data_tools.column_maps`.
 """
 
 from __future__ import annotations
@@ -13,7 +14,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from data_tools.csv_table import Table, check_times, read_table, write_table
+from data_tools.column_maps import Columns, read_mapped
+from data_tools.csv_table import Table, check_times, write_table
 from data_tools.vehicles import read_vehicle
 from evcalib.errors import InputError
 from evcalib.kinematics import BodyVelocities, Vehicle, WheelLog, WheelStates, body_velocities
@@ -23,17 +25,32 @@ MAX_STEER = 2 * np.pi
 """Angles beyond a full turn [rad] are taken for degrees."""
 MAX_STEP = 5.0
 """A median step between rows above this [s] is taken for a mistake of units."""
+MAX_JUMP = 60.0
+"""A single step above this [s] is taken for a clock that was set."""
 
 
-def read_wheel_log(path: str | Path, vehicle: Vehicle) -> WheelLog:
+def read_wheel_log(
+    path: str | Path,
+    vehicle: Vehicle,
+    columns: Columns | None = None,
+    time_unit: str = "s",
+    wheel_radius: float | None = None,
+) -> WheelLog:
     """Read the wheel log of a vehicle.
 
     Parameters
     ----------
     path : str or Path
-        CSV file with the columns described above and no others.
+        CSV file with the columns described above and no others, unless there is a map.
     vehicle : Swerve, Mecanum or Omni
         Names the wheels; the states come in the order of its wheels.
+    columns : mapping or path, optional
+        Map from our names to the columns of the file and their units, or the YAML file that
+        holds it; see `data_tools.column_maps`.  Other columns are then passed over.
+    time_unit : {"s", "ms", "us", "ns"}
+        Unit of ``t``, unless the map tells it.
+    wheel_radius : float, optional
+        Radius [m] for speeds that the map has in rad/s, deg/s or rpm, unless it tells it.
 
     Returns
     -------
@@ -46,9 +63,9 @@ def read_wheel_log(path: str | Path, vehicle: Vehicle) -> WheelLog:
         If the file is empty or has one row, columns are missing or strange, a cell is no finite
         number, times do not increase, or values look like another unit.
     """
-    table = read_table(path)
+    table = read_mapped(path, columns, time_unit=time_unit, wheel_radius=wheel_radius)
     _check_columns(table, vehicle)
-    check_times(table, max_step=MAX_STEP)
+    check_times(table, max_step=MAX_STEP, max_jump=MAX_JUMP)
     speed = _columns(table, "speed", vehicle.names)
     _check_range(table, "speed", vehicle.names, MAX_SPEED, "m/s")
     if not vehicle.steered:
