@@ -15,10 +15,24 @@ from typing import Any
 
 from data_tools.studies._engine import run
 from data_tools.studies._model import Cell, Study
+from data_tools.studies._report import Cost, describe, measure_cost, write_summary
 from data_tools.studies._result import StudyResult, Summary, load_study
 from evcalib import _check
 
-__all__ = ["STUDIES", "Cell", "Study", "StudyResult", "Summary", "load_study", "run_study", "study"]
+__all__ = [
+    "STUDIES",
+    "Cell",
+    "Cost",
+    "Study",
+    "StudyResult",
+    "Summary",
+    "describe",
+    "load_study",
+    "measure_cost",
+    "run_study",
+    "study",
+    "write_summary",
+]
 
 STUDIES = {
     "paper": "rivals side by side on the paper's arcs and polylines",

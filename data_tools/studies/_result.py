@@ -17,6 +17,9 @@ from data_tools.studies._table import Columns, read_table
 from evcalib import _check
 from evcalib.errors import InputError
 
+LABELS = ("group", "method", "ablation", "variant")
+"""Columns that tell what is compared."""
+
 
 @dataclass(frozen=True, eq=False)
 class StudyResult:
@@ -75,21 +78,20 @@ class StudyResult:
         """Return the distinct values of a column, in the order in which they appear."""
         return tuple(dict.fromkeys(self.values(column).tolist()))
 
-    def summary(self, *columns: str, by: Sequence[str] = ("group", "method")) -> Summary:
+    def summary(self, *columns: str, by: Sequence[str] = LABELS) -> Summary:
         """Return count, median and quartiles of columns for each combination of `by`.
 
         Parameters
         ----------
         *columns : str
-            Columns of numbers; all that the study has if none are named.  NaN is left out.
+            Columns of numbers, or of truth values, whose share is given; ``"|name|"`` takes
+            absolute values.  If none are named, all that the study has, errors by their absolute
+            value.  NaN is left out.
         by : sequence of str
             Columns to group by; those that the study lacks are passed over.
         """
         by = [name for name in by if name in self.table]
-        if not columns:
-            skip = {"cell", "trial", *by}
-            kinds = {name: self.table[name].dtype.kind for name in self.table}
-            columns = tuple(n for n, kind in kinds.items() if kind in "fbi" and n not in skip)
+        columns = columns or self._columns(by)
         labels = np.array(["\x1f".join(map(str, row)) for row in self._rows(by)])
         entries = []
         for label in dict.fromkeys(labels.tolist()):
@@ -101,6 +103,11 @@ class StudyResult:
                 entry |= _spread(name, self.column(name)[rows & (self.table["failure"] == "")])
             entries.append(entry)
         return Summary(tuple(entries))
+
+    def _columns(self, by: Sequence[str]) -> tuple[str, ...]:
+        numbers = [n for n in self.table if self.table[n].dtype.kind in "fib" and n not in by]
+        kept = [name for name in numbers if name not in ("cell", "trial")]
+        return tuple(f"|{name}|" if "error" in name else name for name in kept)
 
     def _rows(self, names: Sequence[str]) -> list[tuple[Any, ...]]:
         return list(zip(*(self.table[name].tolist() for name in names), strict=True))
@@ -156,7 +163,8 @@ def _cells_of(entry: dict[str, Any]) -> dict[str, str]:
         stem, _, kind = name.rpartition(" ")
         if kind == "median":
             low, high = entry[f"{stem} q1"], entry[f"{stem} q3"]
-            out[stem] = f"{value:.4g} [{low:.4g}, {high:.4g}]"
+            known = value == value
+            out[stem] = f"{value:.3g} [{low:.3g}, {high:.3g}]" if known else "-"
         elif kind not in QUANTILES:
             out[name] = f"{value:.3g}" if isinstance(value, float) else str(value)
     return out
