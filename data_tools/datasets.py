@@ -50,8 +50,8 @@ DATA_SETS = {
 }
 
 
-def fetch(name: str, *, folder: str | Path | None = None) -> tuple[Path, ...]:
-    """Return the files of a data set, downloading those that are not there yet.
+def fetch(name: str, *, folder: str | Path | None = None) -> Path:
+    """Return the folder with the files of a data set, downloading those that are not there yet.
 
     Parameters
     ----------
@@ -63,8 +63,8 @@ def fetch(name: str, *, folder: str | Path | None = None) -> tuple[Path, ...]:
 
     Returns
     -------
-    tuple of Path
-        The files, in the order of their names; each has the hash that it should have.
+    Path
+        The folder; each file of the data set in it has the hash that it should have.
 
     Raises
     ------
@@ -80,10 +80,12 @@ def fetch(name: str, *, folder: str | Path | None = None) -> tuple[Path, ...]:
     place = Path(folder) if folder is not None else Path(pooch.os_cache("evcalib")) / name
     if place.exists() and not place.is_dir():
         raise InputError(f"{place} is no folder")
-    return tuple(_fetched(content, file, place) for file in sorted(content.sha256))
+    for file in content.sha256:
+        _fetch_file(content, file, place)
+    return place
 
 
-def _fetched(content: DataSet, name: str, place: Path) -> Path:
+def _fetch_file(content: DataSet, name: str, place: Path) -> None:
     import pooch
 
     path, wanted = place / name, content.sha256[name]
@@ -95,7 +97,7 @@ def _fetched(content: DataSet, name: str, place: Path) -> Path:
                     f"{path} is not the file of the data set: its sha256 is {have}, not {wanted};"
                     " remove it to have it fetched again"
                 )
-            return path
+            return
         downloader = pooch.HTTPDownloader(timeout=30)
         pooch.retrieve(content.base + name, f"sha256:{wanted}", name, place, downloader=downloader)
     except InputError:
@@ -108,4 +110,3 @@ def _fetched(content: DataSet, name: str, place: Path) -> Path:
             f"cannot fetch {name} from {content.base}: {why}; without a network, put the file into"
             f" {place}"
         ) from None
-    return path
