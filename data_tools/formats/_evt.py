@@ -11,6 +11,9 @@ import numpy as np
 
 from data_tools.formats import Columns, _evt2_kernels, _evt3_kernels
 
+UNKNOWN = "words of unknown type"
+"""Reason under which such words are counted."""
+
 _ROOM = 1 << 18
 
 
@@ -88,7 +91,7 @@ class Evt2Decoder(_WordDecoder):
     _word = np.dtype("<u4")
     _reasons = {  # noqa: RUF012
         _evt2_kernels.EARLY: "events before the first time word",
-        _evt2_kernels.UNKNOWN: "words of unknown type",
+        _evt2_kernels.UNKNOWN: UNKNOWN,
     }
 
 
@@ -100,5 +103,5 @@ class Evt3Decoder(_WordDecoder):
     _reasons = {  # noqa: RUF012
         _evt3_kernels.NO_TIME: "events before the first time words",
         _evt3_kernels.NO_PLACE: "events before the first row or base column",
-        _evt3_kernels.UNKNOWN: "words of unknown type",
+        _evt3_kernels.UNKNOWN: UNKNOWN,
     }

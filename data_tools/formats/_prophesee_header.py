@@ -12,6 +12,8 @@ from evcalib.errors import InputError
 LARGEST_HEADER = 1 << 16
 
 _LINE = re.compile(rb"% ?([ -~\t]*)\r?\n")
+_TEXT = frozenset(b"\n" + bytes(range(32, 127)))
+_LOOK = 8
 _SIDES = re.compile(r"([1-9]\d{0,5})x([1-9]\d{0,5})")
 
 
@@ -25,11 +27,12 @@ class Header:
     @property
     def encoding(self) -> str | None:
         """``EVT3`` and the like; None where the header does not tell it."""
-        name = self.fields.get("format", "").split(";")[0].strip().upper()
-        if name:
-            return name
+        named = self.fields.get("format", "").split(";")[0].strip().upper()
         version = self.fields.get("evt")
-        return None if version is None else "EVT" + version.strip().removesuffix(".0")
+        numbered = None if version is None else "EVT" + version.removesuffix(".0")
+        if named and numbered and named.replace(".", "") != numbered.replace(".", ""):
+            return f"{named} or {numbered}"
+        return named or numbered
 
     def option(self, name: str) -> str | None:
         """Return a field, or an option within the field `format` (`EVT3;height=720`)."""
@@ -66,16 +69,29 @@ def parse_header(data: bytes) -> Header:
     while (line := _LINE.match(data, at, at + 4096)) is not None:
         at = line.end()
         key, _, value = line[1].decode("ascii").strip().partition(" ")
-        if key.lower() == "end" and not value:
-            break
         fields.setdefault(key.lower(), value.strip())
+        if key.lower() == "end":
+            break
     return Header(fields, at)
 
 
 def read_header(path: Path) -> Header:
-    """Read and parse the header of a file."""
+    """Read and parse the header of a file.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, or its header goes on after the last line that makes sense:
+        it is cut off or damaged, and the rest of it would be taken for events.
+    """
     try:
         with path.open("rb") as file:
-            return parse_header(file.read(LARGEST_HEADER))
+            data = file.read(LARGEST_HEADER)
     except OSError as error:
         raise InputError(f"cannot read {path}: {error.strerror or error}") from None
+    header = parse_header(data)
+    after = data[header.end : header.end + _LOOK]
+    text = after[:2] == b"% " or (len(after) == _LOOK and _TEXT.issuperset(after))
+    if header.end and "end" not in header.fields and text:
+        raise InputError(f"{path} has a damaged header: {after!r} follows it")
+    return header

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from data_tools.formats import Columns, Options, Size, Source
 from data_tools.formats._blocks import read_blocks
-from data_tools.formats._evt import Evt2Decoder, Evt3Decoder
+from data_tools.formats._evt import UNKNOWN, Evt2Decoder, Evt3Decoder
 from data_tools.formats._prophesee_header import Header, parse_header, read_header
 from evcalib.errors import InputError
 
@@ -20,6 +20,12 @@ LARGEST_SIDE = 2048
 BLOCK_BYTES = 1 << 20
 
 _DECODERS = {"evt2": Evt2Decoder, "evt3": Evt3Decoder}
+
+WORD_BYTES = {"evt2": 4, "evt3": 2}
+
+# A block with a larger share of unknown words is not what its header says.
+_WRONG_WORDS = 0.1
+_ENOUGH = 100
 
 # What a sensor is known by where the header does not tell its size; the longer name first.
 _SENSORS: tuple[tuple[str, Size], ...] = (
@@ -53,6 +59,7 @@ def open(path: Path, options: Options) -> Source:
         decoder = _DECODERS[name]()
         for block in read_blocks(path, header.end, BLOCK_BYTES):
             yield from decoder.pieces(block)
+            _check_words(path, name, len(block), decoder.losses)
             losses.update(decoder.take_losses())
         decoder.finish()
         losses.update(decoder.take_losses())
@@ -68,6 +75,15 @@ def _encoding(path: Path, header: Header, options: Options) -> str:
     if options.format not in (None, name):
         raise InputError(f"{path} holds {found} words by its header, not {options.format}")
     return name
+
+
+def _check_words(path: Path, name: str, size: int, losses: Counter[str]) -> None:
+    unknown = losses[UNKNOWN]
+    if unknown > _WRONG_WORDS * size / WORD_BYTES[name] and unknown > _ENOUGH:
+        raise InputError(
+            f"{path}: {unknown} words of {size // WORD_BYTES[name]} are of unknown type;"
+            f" is it {name.upper()}, and is the file whole?"
+        )
 
 
 def _implied(header: Header) -> tuple[Size | None, tuple[str, ...]]:
