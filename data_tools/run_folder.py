@@ -63,7 +63,7 @@ def write_file(path: Path, writer: Writer) -> None:
     InputError
         If the file cannot be written; what was written of it is removed.
     """
-    if path.is_dir() or not path.name:
+    if os.path.isdir(path) or not path.name:
         raise InputError(f"cannot write {path}: it is a folder, not a file")
     part = _write_part(path, writer)
     with _refusing(path), _removing(part):
@@ -106,7 +106,7 @@ class RunFolder:
     def __enter__(self) -> Self:
         """Check the folder, make it, and mark it as incomplete."""
         self._check()
-        self._made = [p for p in (self.path, *self.path.parents) if not p.exists()]
+        self._made = [p for p in (self.path, *self.path.parents) if not os.path.lexists(p)]
         try:
             self.path.mkdir(parents=True, exist_ok=True)
         except OSError as error:
@@ -174,7 +174,7 @@ class RunFolder:
     def _check(self) -> None:
         if not os.path.lexists(self.path):
             return
-        if not self.path.is_dir():
+        if not os.path.isdir(self.path):
             raise InputError(f"cannot use {self.path} as a folder: it is a file")
         try:
             names = sorted(p.name for p in self.path.iterdir() if not p.name.startswith("."))
@@ -228,7 +228,7 @@ class RunFolder:
         for part in self._waiting.values():
             with contextlib.suppress(OSError):
                 part.unlink(missing_ok=True)
-        earlier = self._overwrite and (self.path / CALIBRATION).exists()
+        earlier = self._overwrite and os.path.lexists(self.path / CALIBRATION)
         if not self._written and not self._was_marked and (_expected(error) or earlier):
             self._undo()
             return

@@ -211,11 +211,13 @@ def test_where_no_folder_can_be_made_the_message_says_so():
 @pytest.mark.skipif(
     not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root may write anywhere"
 )
-def test_a_folder_without_permission_is_refused(tmp_path):
-    tmp_path.chmod(0o500)
+@pytest.mark.parametrize("mode", [0o500, 0o000])
+def test_a_folder_without_permission_is_refused(tmp_path, mode):
+    tmp_path.chmod(mode)
     try:
-        with pytest.raises(InputError, match="cannot write"), RunFolder(tmp_path):
-            pass
+        for path in (tmp_path, tmp_path / "below"):
+            with pytest.raises(InputError, match=r"cannot (read|write|make)"), RunFolder(path):
+                pass
     finally:
         tmp_path.chmod(0o700)
 
