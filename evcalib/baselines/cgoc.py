@@ -28,15 +28,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from evcalib.baselines.hand_eye import (
-    HandEye,
-    Quadratic,
-    associate,
-    minimise,
-    motions,
-    quadratic,
-    solution,
-)
+from evcalib.baselines.hand_eye import HandEye, Quadratic, minimise, quadratic, solution
+from evcalib.baselines.motions import associate, motions
 from evcalib.errors import InputError
 from evcalib.geometry import unit
 from evcalib.kernels import hand_eye as kernel

@@ -19,15 +19,14 @@ from numpy.typing import NDArray
 from scipy import optimize
 from scipy.spatial.transform import Rotation
 
+from evcalib.baselines.motions import Motions, associate, motions
 from evcalib.errors import InputError
 from evcalib.kernels import hand_eye as kernel
+from evcalib.observability import axis_name
 from evcalib.offset import candidate_offsets
-from evcalib.poses import MIN_POSES, PoseSeries
+from evcalib.poses import PoseSeries
 
 Floats = NDArray[np.float64]
-
-KEYFRAMES = 50
-"""Poses that are taken, evenly spread: every pair of them is a motion."""
 
 SEARCH_STEP = 0.1
 """Grid of the search for the offset [s]; trajectories are integrals, and smooth."""
@@ -38,6 +37,10 @@ axis is unobservable.  It is absolute: a share of the largest turn would call no
 
 TURN_SPREAD = 0.1
 """Share of the largest spread of axes from which rotations alone determine the closed form."""
+
+SPREAD_TOLERANCE = np.radians(1.0)
+"""Root mean square angle [rad] between the motions below which they are one line, about which the
+rotation is unobservable."""
 
 CUBE = Rotation.create_group("O").as_matrix()
 """The 24 rotations of a cube: starts all over SO(3), none farther than 63 degrees from one."""
@@ -54,7 +57,9 @@ class HandEye:
     lever_arm : ndarray, shape (3,)
         Position of the camera in the body frame [m]; NaN along body axes where it is unobservable.
     reason : str
-        Why some of it is NaN; empty if none is.
+        What is unobservable and why; empty if nothing is.
+    unknown_axis : ndarray, shape (3,), optional
+        Body axis about which the rotation is unobservable.
     scale : float
         Metres per unit of the camera's trajectory.
     offset : float
@@ -66,27 +71,10 @@ class HandEye:
     R_body_cam: Floats
     lever_arm: Floats
     reason: str
+    unknown_axis: Floats | None
     scale: float
     offset: float
     cost: float
-
-
-@dataclass(frozen=True, eq=False)
-class Motions:
-    """Poses of the camera and of the body at the same instants.
-
-    Attributes
-    ----------
-    camera, body : ndarray, shape (n, 3)
-        Positions, each in a world of its own.
-    camera_turn, body_turn : ndarray, shape (n, 3, 3)
-        Rotations R_world_sensor.
-    """
-
-    camera: Floats
-    camera_turn: Floats
-    body: Floats
-    body_turn: Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,33 +94,6 @@ class Quadratic:
     Q: Floats
     recover: Floats
     hidden: Floats
-
-
-def associate(
-    camera: PoseSeries, body: PoseSeries, offsets: Floats, *, keyframes: int = KEYFRAMES
-) -> Floats:
-    """Return camera times, evenly spread over those that the body's poses cover at all offsets.
-
-    Raises
-    ------
-    InputError
-        If fewer than three are covered.
-    """
-    reach = np.array([offsets.min(), offsets.max(), offsets[offsets.size // 2]])
-    covered = np.all([body.covers(camera.t + offset) for offset in reach], axis=0)
-    t = camera.t[covered]
-    if t.size < MIN_POSES:
-        raise InputError(
-            f"trajectories: the camera's ({camera.t[0]:.3f} to {camera.t[-1]:.3f} s) and the"
-            f" body's ({body.t[0]:.3f} to {body.t[-1]:.3f} s) share {t.size} pose(s) at offsets of"
-            f" {reach.min():g} to {reach.max():g} s, and {MIN_POSES} are needed; check the clocks"
-        )
-    return t[np.unique(np.linspace(0, t.size - 1, min(keyframes, t.size)).round().astype(int))]
-
-
-def motions(camera: PoseSeries, body: PoseSeries, t: Floats, offset: float) -> Motions:
-    """Return both poses at camera times `t` [s], the body's by interpolation at t + offset."""
-    return Motions(*camera.at(t), *body.at(t + offset))
 
 
 def hand_eye(
@@ -272,19 +233,32 @@ def solution(form: Quadratic, R: Floats, offset: float) -> HandEye:
     lever = -R.T @ np.array(translation)
     hidden = R.T @ form.hidden
     lost = np.linalg.norm(hidden, axis=1) > 0.1
+    axis = _unknown_axis(form, R)
     return HandEye(
         R_body_cam=np.ascontiguousarray(R.T),
         lever_arm=np.where(lost, np.nan, lever),
-        reason=_reason(form.hidden.shape[1]),
+        reason=_reason(form.hidden.shape[1], axis),
+        unknown_axis=axis,
         scale=float(scale),
         offset=float(offset),
         cost=max(float(kernel.cost(form.Q, np.ascontiguousarray(R))), 0.0),
     )
 
 
-def _reason(hidden: int) -> str:
-    if hidden == 0:
-        return ""
+def _unknown_axis(form: Quadratic, R: Floats) -> Floats | None:
+    """Return the body axis about which the cost hardly changes when the rotation turns."""
+    turned = np.zeros((3, 10))
+    turned[:, :9] = [(R @ np.cross(np.eye(3), axis)).ravel() for axis in np.eye(3)]
+    values, vectors = np.linalg.eigh(turned @ form.Q @ turned.T)
+    return vectors[:, 0] if values[0] <= SPREAD_TOLERANCE**2 * values[-1] else None
+
+
+def _reason(hidden: int, axis: Floats | None) -> str:
+    reasons = []
+    if axis is not None:
+        reasons.append(f"The rotation about {axis_name(axis)} is unobservable.")
     if hidden == 3:
-        return "The lever arm is unobservable: the camera does not turn."
-    return "The lever arm is unobservable along the only axis about which the camera turns."
+        reasons.append("The lever arm is unobservable: the camera does not turn.")
+    elif hidden:
+        reasons.append("The lever arm is unobservable along the axis about which the camera turns.")
+    return " ".join(reasons)

@@ -90,8 +90,8 @@ class TrajectoryCalibration(RivalCalibration):
     ----------
     lever_arm : ndarray, shape (3,)
         Position of the camera in the body frame [m]; NaN along body axes where it is unobservable.
-    lever_arm_reason : str
-        Why some of it is NaN; empty if none is.
+    reason : str
+        What is unobservable and why; empty if nothing is.
     scale : float
         Metres per unit of the camera's trajectory; 1 if it was taken to be metric.
     cost : float
@@ -99,7 +99,7 @@ class TrajectoryCalibration(RivalCalibration):
     """
 
     lever_arm: Floats | None = None
-    lever_arm_reason: str = ""
+    reason: str = ""
     scale: float = np.nan
     cost: float = np.nan
 
@@ -158,6 +158,7 @@ def finish(
     curve: OffsetCurve | None = None,
     kind: type[RivalCalibration] = RivalCalibration,
     settings: dict[str, Any] | None = None,
+    unknown_axis: Floats | None = None,
     **more: Any,
 ) -> Any:
     """Return a rival's rotation and offset as a calibration of class `kind`.
@@ -201,23 +202,23 @@ def finish(
         rotation_covariance=np.full((3, 3), unknown),
         rotation_radius=unknown,
         rotation_observable=False,
-        unknown_axis=None,
+        unknown_axis=unknown_axis,
         inlier_share=mixture.inliers,
         curve=curve,
         residuals=Residuals(part.t, part.v @ R.T, d, angle, w),
         diagnostics=diagnostics,
-        verdict=_verdict(method, curve, more.get("lever_arm_reason", "")),
+        verdict=_verdict(method, curve, more.get("reason", "")),
         settings=settings or {},
         method=method,
         **more,
     )
 
 
-def _verdict(method: str, curve: OffsetCurve | None, lever_arm: str) -> Verdict:
+def _verdict(method: str, curve: OffsetCurve | None, reason: str) -> Verdict:
     reasons = ["The offset is taken as given." if curve is None else ""]
     if curve is not None and curve.at_edge:
         reasons.append("Its best offset lies on the border of the search.")
-    reasons.append(lever_arm)
+    reasons.append(reason)
     return Verdict(
         f"The rival {method} states no uncertainty, and does not ask what the motion determines.",
         tuple(filter(None, reasons)),

@@ -53,7 +53,8 @@ def cgoc(streams: RivalInput, *, monocular: bool = True) -> CertifiedCalibration
 def _extra(found: HandEye) -> dict[str, Any]:
     return {
         "lever_arm": found.lever_arm,
-        "lever_arm_reason": found.reason,
+        "reason": found.reason,
+        "unknown_axis": found.unknown_axis,
         "scale": found.scale,
         "cost": found.cost,
     }
