@@ -62,7 +62,7 @@ def run(
                 total=done.size,
                 initial=int(done.sum()),
                 desc=study.name,
-                unit="trial",
+                unit=study.unit,
                 disable=None if progress is None else not progress,
             )
             with bar, open_pool(workers, scheduler) as pool:

@@ -64,6 +64,8 @@ class Study:
         be mended; a failure of a seeded trial is a result.
     largest_piece : int
         Most trials that a worker is given at once (in long studies of quick trials).
+    unit : str
+        What the progress bar calls a trial.
     """
 
     name: str
@@ -72,6 +74,7 @@ class Study:
     version: int = 1
     retry_failures: bool = False
     largest_piece: int = 8
+    unit: str = "trial"
 
     def __post_init__(self) -> None:
         if not self.cells:

@@ -106,6 +106,6 @@ def _file(count: int) -> str:
 
 def _fetched() -> Path:
     """Return the folder of the fetched files."""
-    from data_tools import datasets
+    from data_tools.datasets import fetch
 
-    return Path(datasets.fetch("paper-data"))
+    return fetch("paper-data")
