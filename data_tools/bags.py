@@ -84,7 +84,7 @@ class Bag:
     def fields(self, topic: Topic, type: str | None = None) -> dict[str, Any]:
         """Return the fields of the topic's message type, or of another that it contains."""
         definitions = self._store(topic.type).fielddefs
-        return dict(definitions[type or topic.type][1])
+        return dict(definitions.get(type or topic.type, ([], []))[1])
 
     def choose(self, types: tuple[str, ...], name: str | None, what: str) -> Topic:
         """Return the topic that is named, or the only one of the given message types."""

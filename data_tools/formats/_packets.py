@@ -118,8 +118,9 @@ def _mono(message: Any) -> Columns:
 def _libcaer(message: Any) -> Columns:
     pair = words(message, 4)
     data, time = pair[: pair.size // 2 * 2].reshape(-1, 2).T
+    time = time.astype(np.int64)
     # The low 31 bits of the sensor's time start again after 36 minutes, also within a packet.
-    turns = np.cumsum(np.diff(time.astype(np.int64), prepend=time[:1].astype(np.int64)) < 0)
+    turns = np.cumsum(np.diff(time, prepend=time[:1]) < 0)
     return Columns(
         (data >> 17 & 0x7FFF).astype(np.uint16),
         (data >> 2 & 0x7FFF).astype(np.uint16),

@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -65,7 +66,7 @@ def _open_arrays(bag: Bag, topic: Topic, options: Options) -> Source:
 
 def _open_packets(bag: Bag, topic: Topic, options: Options) -> Source:
     path = bag.path
-    size, encoding, clock = _survey(bag, topic)
+    size, encoding, clock = _surveyed(path, _state(path), topic)
     size = options.sensor(path, size)
     _packets.decoder(encoding, Counter())
 
@@ -107,8 +108,25 @@ def _pieces(
     return pieces
 
 
+def _state(path: Path) -> tuple[tuple[str, int, int], ...]:
+    """Return names, sizes and times of change of the files of a bag."""
+    files = sorted(path.iterdir()) if path.is_dir() else [path]
+    return tuple((f.name, f.stat().st_size, f.stat().st_mtime_ns) for f in files)
+
+
+@lru_cache(maxsize=8)
+def _surveyed(
+    path: Path, state: tuple[tuple[str, int, int], ...], topic: Topic
+) -> tuple[Size, str, _Clock | None]:
+    """Read all packets without decoding them: sensor, encoding, and the two clocks.
+
+    Remembered for as long as the files do not change, since it reads the whole bag.
+    """
+    with open_bag(path) as bag:
+        return _survey(bag, topic)
+
+
 def _survey(bag: Bag, topic: Topic) -> tuple[Size, str, _Clock | None]:
-    """Read all packets without decoding them: sensor, encoding, and the two clocks."""
     size: Size | None = None
     encoding = ""
     stamps: list[int] = []
