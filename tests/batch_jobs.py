@@ -30,8 +30,8 @@ def calibrate(*, recording, camera, output, velocities=None, max_offset=1.0, **m
     )
 
 
-def nothing(*, recording, output, **more):
-    """Return the same for every recording, at once."""
+def large(*, recording, output, **more):
+    """Return a calibration that drags a megabyte along."""
     return SimpleNamespace(
         R_body_cam=rpy_to_matrix([0.0, 0.0, 0.0]),
         offset=float(len(recording)),
@@ -41,4 +41,5 @@ def nothing(*, recording, output, **more):
         rotation_observable=True,
         inlier_share=1.0,
         verdict=SimpleNamespace(summary=""),
+        ballast=bytearray(1_000_000),
     )

@@ -163,14 +163,12 @@ def test_a_recording_that_kills_its_process_fails_alone(tmp_path):
     assert len(done.rows()) == 3
 
 
-def test_memory_stays_flat_over_thousands_of_recordings(tmp_path):
-    """Ten thousand entries take as little beside their list and table as one hundred do."""
-    peaks = []
-    for count in (100, 10_000):
-        path = listed(tmp_path, *(f"r{k}" for k in range(count)))
-        tracemalloc.start()
-        done = run_batch(path, folder=tmp_path / str(count), calibrate=batch_jobs.nothing)
-        peaks.append(tracemalloc.get_traced_memory()[1])
-        tracemalloc.stop()
-        assert len(done.rows()) == count
-    assert peaks[1] < peaks[0] + 10_000 * 12_000
+def test_memory_holds_little_more_than_the_list_and_the_table(tmp_path):
+    """Beyond that a calibration of 1 MB is let go: of a thousand of them, few are ever held."""
+    path = listed(tmp_path, *(f"r{k}" for k in range(1000)))
+    tracemalloc.start()
+    done = run_batch(path, folder=tmp_path / "out", calibrate=batch_jobs.large)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert len(done.rows()) == 1000
+    assert peak < 10e6
