@@ -82,13 +82,17 @@ class PoseSeries:
         """Rotations R_world_sensor, shape (n, 3, 3)."""
         return np.asarray(self.rotation, dtype=np.float64)
 
-    def covers(self, t: ArrayLike) -> NDArray[np.bool_]:
-        """Return where times [s] of any shape lie within the trajectory and in none of its gaps."""
+    def segment_at(self, t: ArrayLike) -> NDArray[np.int64]:
+        """Return the number of the segment between gaps that holds each time [s], of any shape.
+
+        It is -1 outside the trajectory and in gaps.
+        """
         t = np.asarray(t, dtype=np.float64)
+        number = np.concatenate([[0], np.cumsum(np.diff(self.t) > self.gap)])
         after = np.clip(np.searchsorted(self.t, t), 1, len(self) - 1)
-        inside = (t >= self.t[0]) & (t <= self.t[-1])
-        on_pose = (t == self.t[after]) | (t == self.t[after - 1])
-        return inside & (on_pose | (self.t[after] - self.t[after - 1] <= self.gap))
+        before = np.where(t == self.t[after], after, after - 1)
+        joined = (number[before] == number[after]) | (t == self.t[before])
+        return np.where((t >= self.t[0]) & (t <= self.t[-1]) & joined, number[before], -1)
 
     def at(self, t: ArrayLike) -> tuple[Floats, Floats]:
         """Return positions (m, 3) and rotations (m, 3, 3) at covered times (m,).
@@ -101,7 +105,7 @@ class PoseSeries:
             If a time is outside the trajectory or in a gap: nothing is extrapolated.
         """
         times = _check.floats(t, "t", (None,))
-        missing = ~self.covers(times)
+        missing = self.segment_at(times) < 0
         if missing.any():
             raise InputError(
                 f"the trajectory ({self.t[0]:.3f} to {self.t[-1]:.3f} s) does not cover"

@@ -12,7 +12,7 @@ registration of two sets of translations.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +23,7 @@ from evcalib.baselines.motions import Motions, associate, motions
 from evcalib.errors import InputError
 from evcalib.kernels import hand_eye as kernel
 from evcalib.observability import axis_name
-from evcalib.offset import candidate_offsets
+from evcalib.offset import OffsetCurve, candidate_offsets
 from evcalib.poses import PoseSeries
 
 Floats = NDArray[np.float64]
@@ -66,6 +66,8 @@ class HandEye:
         ``t_body = t_cam + offset`` [s], as given or estimated.
     cost : float
         Sum of the squares of Eq. 2 over all motions, per motion.
+    curve : OffsetCurve, optional
+        Share of the largest cost that each candidate offset saves, if the offset was searched.
     """
 
     R_body_cam: Floats
@@ -75,6 +77,7 @@ class HandEye:
     scale: float
     offset: float
     cost: float
+    curve: OffsetCurve | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,15 +147,25 @@ def hand_eye(
         R = minimise(form, closed_form(pairs))
         return float(kernel.cost(form.Q, R)), form, R
 
-    costs = [best(candidate)[0] for candidate in candidates]
-    low = float(candidates[int(np.argmin(costs))])
+    costs = np.array([best(candidate)[0] for candidate in candidates])
+    lowest = int(np.argmin(costs))
+    low = float(candidates[lowest])
     step = float(candidates[1] - candidates[0])
     bounds = (max(low - step, candidates[0]), min(low + step, candidates[-1]))
     found = optimize.minimize_scalar(
         lambda x: best(x)[0], bounds=bounds, method="bounded", options={"xatol": 1e-4}
     )
     _, form, R = best(float(found.x))
-    return solution(form, R, float(found.x))
+    curve = OffsetCurve(
+        method="hand_eye",
+        offsets=candidates,
+        score=1.0 - costs / max(float(costs.max()), 1e-300),
+        overlap=np.ones(candidates.size),
+        offset=float(found.x),
+        second_peak_ratio=np.nan,
+        at_edge=lowest in (0, candidates.size - 1),
+    )
+    return replace(solution(form, R, curve.offset), curve=curve)
 
 
 def quadratic(pairs: Motions, *, monocular: bool = True, weight: float = 1.0) -> Quadratic:

@@ -39,19 +39,21 @@ def associate(
 ) -> Floats:
     """Return camera times, evenly spread over those that the body's poses cover at all offsets.
 
+    Offsets between the smallest and the largest count too: no time moves across a gap.
+
     Raises
     ------
     InputError
         If fewer than three are covered.
     """
-    reach = np.array([offsets.min(), offsets.max(), offsets[offsets.size // 2]])
-    covered = np.all([body.covers(camera.t + offset) for offset in reach], axis=0)
-    t = camera.t[covered]
+    low, high = float(offsets.min()), float(offsets.max())
+    first, last = body.segment_at(camera.t + low), body.segment_at(camera.t + high)
+    t = camera.t[(first >= 0) & (first == last)]
     if t.size < MIN_POSES:
         raise InputError(
             f"trajectories: the camera's ({camera.t[0]:.3f} to {camera.t[-1]:.3f} s) and the"
             f" body's ({body.t[0]:.3f} to {body.t[-1]:.3f} s) share {t.size} pose(s) at offsets of"
-            f" {reach.min():g} to {reach.max():g} s, and {MIN_POSES} are needed; check the clocks"
+            f" {low:g} to {high:g} s, and {MIN_POSES} are needed; check the clocks"
         )
     return t[np.unique(np.linspace(0, t.size - 1, min(keyframes, t.size)).round().astype(int))]
 

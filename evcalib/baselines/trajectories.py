@@ -26,6 +26,7 @@ def hand_eye(
         found.offset,
         method="hand_eye" if max_offset is None else "hand_eye_offset",
         kind=TrajectoryCalibration,
+        curve=found.curve,
         settings={"max_offset": max_offset, "monocular": monocular},
         **_extra(found),
     )
