@@ -27,8 +27,8 @@ CAPTIONS = {
     ),
     "directions": (
         "Directions aligned",
-        "The same after the calibration: the dots should lie on the line. The lower panel has a"
-        " finer scale; a slow wave there would mean that the vehicle pitches or the lens is off.",
+        "The same after the calibration: the dots should lie on the line. A slow wave in the lower"
+        " panel would mean that the vehicle pitches, or that the camera's own calibration is off.",
     ),
     "correlation": (
         "Score of every offset",

@@ -7,12 +7,14 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from mpl_toolkits.mplot3d import Axes3D
 from numpy.typing import NDArray
 
 from evcalib.geometry import LOOKS_FORWARD
 from evcalib.offset import OffsetCurve
 from evcalib.plots import style
+from evcalib.plots._globe import draw_globe
 from evcalib.results import Calibration
 from evcalib.series import HeadingSeries, VelocitySeries
 
@@ -99,8 +101,8 @@ def draw_peak(
 
 def draw_directions(axes: Sequence[Axes], calibration: Calibration) -> None:
     """Draw azimuth and elevation of turned headings and body directions into two axes."""
-    residuals = calibration.residuals
-    inlier = _inliers(calibration)
+    residuals, inlier = calibration.residuals, _inliers(calibration)
+    size = style.dot(inlier.size)
     for ax, angle, name in zip(axes, (_azimuth, _elevation), ("azimuth", "elevation"), strict=True):
         camera, body = angle(residuals.turned), angle(residuals.direction)
         t, line = _broken(residuals.t, body)
@@ -109,7 +111,7 @@ def draw_directions(axes: Sequence[Axes], calibration: Calibration) -> None:
             (inlier, style.CAMERA, "camera, turned into the body frame"),
             (~inlier, style.OUTLIER, "outliers"),
         ):
-            ax.plot(residuals.t[mask], camera[mask], ".", ms=3, color=color, label=kind)
+            ax.plot(residuals.t[mask], camera[mask], ".", ms=size, color=color, label=kind)
         style.label(ax, "camera time [s]" if ax is axes[-1] else "", f"{name} [deg]")
     _legend_above(axes[0])
 
@@ -130,7 +132,7 @@ def draw_unaligned(
             headings.t,
             angle(turned),
             ".",
-            ms=3,
+            ms=style.dot(len(headings)),
             color=style.CAMERA,
             label="camera, as if it looked straight ahead",
         )
@@ -148,7 +150,8 @@ def draw_residuals(ax: Axes, calibration: Calibration) -> None:
         (inlier, style.INLIER, "inliers"),
         (~inlier, style.OUTLIER, "outliers"),
     ):
-        ax.plot(residuals.t[mask], degrees[mask], ".", ms=3, color=color, label=name)
+        size = style.dot(mask.size)
+        ax.plot(residuals.t[mask], degrees[mask], ".", ms=size, color=color, label=name)
     sigma = np.degrees(calibration.diagnostics.mixture.sigma)
     ax.axhline(
         1.177 * sigma, color=style.MUTED, lw=1, label=f"median of inliers, {1.177 * sigma:.2g} deg"
@@ -162,8 +165,8 @@ def draw_sphere(ax: Axes3D, calibration: Calibration) -> None:
     """Draw turned headings and body directions on the unit sphere of the body frame."""
     residuals, inlier = calibration.residuals, _inliers(calibration)
     mean = residuals.direction.mean(axis=0)
-    azimuth = float(np.degrees(np.arctan2(mean[1], mean[0]))) - 30.0
-    _draw_globe(ax, elevation=30.0, azimuth=azimuth)
+    ahead = np.arctan2(mean[1], mean[0]) if np.linalg.norm(mean) > 0.3 else 0.0
+    draw_globe(ax, elevation=30.0, azimuth=float(np.degrees(ahead)) - 30.0)
     looks: tuple[tuple[Floats, float, str, str], ...] = (
         (residuals.direction, 22, style.BODY, "body"),
         (residuals.turned[inlier], 3, style.CAMERA, "camera, turned"),
@@ -194,7 +197,8 @@ def draw_residual_map(ax: Axes, calibration: Calibration) -> None:
         (inlier, style.INLIER, "inliers"),
         (~inlier, style.OUTLIER, "outliers"),
     ):
-        ax.plot(*off[mask].T, ".", ms=4, color=color, label=name, clip_on=False)
+        size = style.dot(mask.size)
+        ax.plot(*off[mask].T, ".", ms=size, color=color, label=name, clip_on=False)
     turn = np.linspace(0.0, 2 * np.pi, 181)
     for k in (1, 2, 3):
         ax.plot(k * sigma * np.cos(turn), k * sigma * np.sin(turn), color=style.MUTED, lw=0.8)
@@ -235,36 +239,6 @@ def _draw_correlation(
     peak.set_ylabel("")
 
 
-def _draw_globe(ax: Axes3D, *, elevation: float, azimuth: float) -> None:
-    """Draw meridians and parallels, fainter on the far side, and the axes of the body frame."""
-    view = np.radians([elevation, azimuth])
-    eye = np.array(
-        [np.cos(view[0]) * np.cos(view[1]), np.cos(view[0]) * np.sin(view[1]), np.sin(view[0])]
-    )
-    turn, lift = np.radians(np.arange(0, 361, 5)), np.radians(np.arange(-90, 91, 5))
-    level = np.zeros_like(turn)
-    lines = [_on_sphere(turn, level + np.radians(e)) for e in range(-60, 61, 30)]
-    lines += [_on_sphere(np.radians(a) + np.zeros_like(lift), lift) for a in range(0, 360, 30)]
-    side = np.array([-np.sin(view[1]), np.cos(view[1]), 0.0])
-    limb = np.outer(np.cos(turn), side) + np.outer(np.sin(turn), np.cross(eye, side))
-    ax.plot(*limb.T, color=style.MUTED, lw=0.8)
-    for line in lines:
-        far = (line @ eye < 0)[:, None]
-        for hidden, alpha in ((far, 0.7), (~far, 0.2)):
-            ax.plot(*np.where(hidden, np.nan, line).T, color=style.MUTED, lw=0.5, alpha=alpha)
-    for end, name in zip(np.eye(3) * 1.3, ("x forward", "y left", "z up"), strict=True):
-        ax.plot(*np.outer([0, 1], end).T, color=style.MUTED, lw=1, zorder=2)
-        ax.text(*end * 1.12, name, color=style.MUTED, ha="center", va="center")
-    ax.set_box_aspect((1, 1, 1), zoom=1.15)
-    ax.set(xlim=(-1, 1), ylim=(-1, 1), zlim=(-1, 1))
-    ax.view_init(elev=elevation, azim=azimuth)
-
-
-def _on_sphere(azimuth: Floats, elevation: Floats) -> Floats:
-    flat = np.cos(elevation)
-    return np.stack([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)], axis=-1)
-
-
 def _tangent(v: Floats, d: Floats) -> Floats:
     """Return the direction in which each `v` lies from its `d`: to the left, upwards; length 1."""
     left = np.stack([-d[:, 1], d[:, 0], np.zeros(len(d))], axis=1)
@@ -280,7 +254,10 @@ def _inliers(calibration: Calibration) -> np.ndarray:
 
 
 def _legend_above(ax: Axes) -> None:
-    ax.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=3, markerscale=3, borderaxespad=0.2)
+    legend = ax.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=3, borderaxespad=0.2)
+    for handle in legend.legend_handles:
+        if isinstance(handle, Line2D) and handle.get_marker() == ".":
+            handle.set_markersize(9.0)
 
 
 def _azimuth(v: np.ndarray) -> np.ndarray:

@@ -43,7 +43,7 @@ def draw_event_rate(ax: Axes, rate: EventRate) -> None:
 def draw_inlier_share(ax: Axes, t: Floats, share: Floats) -> None:
     """Draw the share of matches that agree with each heading over time [s]."""
     percent = 100.0 * share
-    ax.plot(t, percent, ".", ms=3, color=style.INLIER)
+    ax.plot(t, percent, ".", ms=style.dot(t.size), color=style.INLIER)
     if percent.size:
         median = float(np.median(percent))
         ax.axhline(median, color=style.MUTED, lw=1, label=f"median, {median:.0f} %")

@@ -77,6 +77,11 @@ def label(ax: Axes, x: str, y: str, *, title: str = "") -> None:
         ax.set_title(title)
 
 
+def dot(count: int) -> float:
+    """Return a size of dots [pt] at which so many of them over time stay apart."""
+    return 3.0 if count <= 2000 else 1.5
+
+
 def new_figure(size: tuple[float, float] = SQUARE) -> Figure:
     """Return a figure of the given size [inch] that no window or notebook holds on to."""
     with context():
