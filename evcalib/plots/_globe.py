@@ -30,7 +30,7 @@ def draw_globe(ax: Axes3D, *, elevation: float, azimuth: float) -> None:
             ax.plot(*np.where(hidden, np.nan, line).T, color=style.MUTED, lw=0.5, alpha=alpha)
     for end, name in zip(np.eye(3) * 1.2, ("x forward", "y left", "z up"), strict=True):
         ax.plot(*np.outer([0, 1], end).T, color=style.MUTED, lw=1, zorder=2)
-        ax.text(*end * 1.1, name, color=style.MUTED, ha="center", va="center")
+        ax.text(*end * 1.1, name, color=style.MUTED, ha="center", va="center", zorder=10)
     ax.set_box_aspect((1, 1, 1), zoom=1.15)
     ax.set(xlim=(-1, 1), ylim=(-1, 1), zlim=(-1, 1))
     ax.view_init(elev=elevation, azim=azimuth)
