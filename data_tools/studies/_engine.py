@@ -28,6 +28,8 @@ PIECES = 500
 DEATHS = 2
 """Workers that a trial may take with it, while it runs alone, before it counts as failed."""
 
+GONE = "the scheduler, or the connection to it, is gone"
+
 Piece = tuple[Key, ...]
 
 
@@ -158,7 +160,7 @@ class _Run:
             if _gave_something(future):
                 self._keep(future)
                 continue
-            error = CancelledError() if future.cancelled() else future.exception()
+            error = CancelledError(GONE) if future.cancelled() else future.exception()
             if not isinstance(error, self.pool.deaths):
                 raise EvcalibError(f"the workers failed ({_describe(error)}); {self._kept()}")
             dead.append(self.running.pop(future))
@@ -193,4 +195,5 @@ def _pieces(done: np.ndarray, width: int, largest: int) -> Iterator[Piece]:
 
 
 def _describe(error: Any) -> str:
-    return f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
+    text = " ".join(str(error).split())
+    return f"{type(error).__name__}: {text}" if text else type(error).__name__
