@@ -20,17 +20,19 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from evcalib import _check
-from evcalib.baselines.canonical import cca
-from evcalib.baselines.cross_correlation import cross_correlation
-from evcalib.baselines.released import authors
+from evcalib.baselines import (
+    canonical,
+    cross_correlation,
+    released,
+    trajectories,
+    velocity_correlation,
+)
 from evcalib.baselines.rival import (
     CertifiedCalibration,
     RivalCalibration,
     RivalInput,
     TrajectoryCalibration,
 )
-from evcalib.baselines.trajectories import cgoc, hand_eye
-from evcalib.baselines.velocity_correlation import vc, vc_wota
 from evcalib.calibration import align
 from evcalib.results import Calibration
 
@@ -46,14 +48,14 @@ __all__ = [
 
 METHODS: dict[str, Callable[[RivalInput, float, int], Calibration]] = {
     "ours": lambda s, reach, seed: align(s.headings, s.velocities, max_offset=reach, seed=seed),
-    "vc": lambda s, reach, _: vc(s, max_offset=reach),
-    "vc_wota": lambda s, *_: vc_wota(s),
-    "authors": lambda s, *_: authors(s),
-    "cross_correlation": lambda s, reach, _: cross_correlation(s, max_offset=reach),
-    "cca": lambda s, reach, _: cca(s, max_offset=reach),
-    "hand_eye": lambda s, *_: hand_eye(s),
-    "hand_eye_offset": lambda s, reach, _: hand_eye(s, max_offset=reach),
-    "cgoc": lambda s, *_: cgoc(s),
+    "vc": lambda s, reach, _: velocity_correlation.vc(s, max_offset=reach),
+    "vc_wota": lambda s, *_: velocity_correlation.vc_wota(s),
+    "authors": lambda s, *_: released.authors(s),
+    "cross_correlation": lambda s, reach, _: cross_correlation.correlate(s, max_offset=reach),
+    "cca": lambda s, reach, _: canonical.cca(s, max_offset=reach),
+    "hand_eye": lambda s, *_: trajectories.hand_eye(s),
+    "hand_eye_offset": lambda s, reach, _: trajectories.hand_eye(s, max_offset=reach),
+    "cgoc": lambda s, *_: trajectories.cgoc(s),
 }
 """Every method by its name: a function of streams, half width of the search [s] and seed."""
 

@@ -187,10 +187,10 @@ def _dual() -> tuple[Any, Any, Any, Any]:
 
 def _solve(Q: Floats) -> tuple[Floats, float]:
     """Return Z and gamma at the optimum of the dual problem."""
-    import cvxpy
-
     with _LOCK:
         problem, parameter, Z, gamma = _dual()
+        import cvxpy
+
         parameter.value = Q
         try:
             # An inaccurate solution is no matter: its bound takes account of what Z lacks.

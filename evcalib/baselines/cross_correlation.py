@@ -7,7 +7,7 @@ from evcalib.offset import find_offset, weights
 from evcalib.rotation import estimate_rotation
 
 
-def cross_correlation(streams: RivalInput, *, max_offset: float = 1.0) -> RivalCalibration:
+def correlate(streams: RivalInput, *, max_offset: float = 1.0) -> RivalCalibration:
     """Align by the correlation of the rates at which the two directions of travel turn."""
     headings, track = streams.usable_headings(), track_of(streams)
     curve = find_offset(headings, track, max_offset=max_offset, method="scalar")
