@@ -15,7 +15,7 @@ from evcalib.errors import InputError
 MOST = 1 << 20
 """Events in a piece at most."""
 
-LEAST = 1 << 18
+LEAST = 1 << 17
 """Small pieces are joined until they have as many events."""
 
 SORT_WINDOW_US = 50_000
@@ -35,15 +35,19 @@ class Disorder:
     _latest: int = field(default=-(1 << 62), repr=False)
     _position: int = field(default=0, repr=False)
 
-    def lag(self, t: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return how late [us] each of the next events is, and count."""
+    def lag(self, t: NDArray[np.int64]) -> NDArray[np.int64] | None:
+        """Return how late [us] each of the next events is, None if none is, and count."""
+        self._position += t.size
+        if not t.size:
+            return None
+        if t[0] >= self._latest and not (t[1:] < t[:-1]).any():
+            self._latest = int(t[-1])
+            return None
         latest = np.maximum.accumulate(np.maximum(t, self._latest))
         lag = latest - t
-        if t.size:
-            self.count += int(np.count_nonzero(lag))
-            self.largest_us = max(self.largest_us, int(lag.max()))
-            self._latest = int(latest[-1])
-            self._position += t.size
+        self.count += int(np.count_nonzero(lag))
+        self.largest_us = max(self.largest_us, int(lag.max()))
+        self._latest = int(latest[-1])
         return lag
 
     def place(self, lag: NDArray[np.int64], row: int, t: NDArray[np.int64]) -> str:
@@ -89,7 +93,7 @@ def dropped(pieces: Iterable[Columns], late: Disorder, losses: Counter[str]) -> 
     """Leave out late events."""
     for piece in pieces:
         lag = late.lag(piece.t)
-        if lag.any():
+        if lag is not None:
             keep = lag == 0
             losses["late events"] += int(keep.size - np.count_nonzero(keep))
             piece = piece.rows(keep)
@@ -100,7 +104,7 @@ def refused(pieces: Iterable[Columns], late: Disorder) -> Iterator[Columns]:
     """Stop at the first late event."""
     for piece in pieces:
         lag = late.lag(piece.t)
-        if lag.any():
+        if lag is not None:
             where = late.place(lag, int(np.argmax(lag > 0)), piece.t)
             raise InputError(
                 f"times are out of order: {where}; disorder='sort' puts in order what is up to"
@@ -117,7 +121,7 @@ def in_order(pieces: Iterable[Columns], late: Disorder) -> Iterator[Columns]:
     held: Columns | None = None
     for piece in pieces:
         lag = late.lag(piece.t)
-        if lag.max(initial=0) > SORT_WINDOW_US:
+        if lag is not None and lag.max() > SORT_WINDOW_US:
             where = late.place(lag, int(np.argmax(lag > SORT_WINDOW_US)), piece.t)
             raise InputError(
                 f"times are too far out of order to be sorted: {where}, more than"

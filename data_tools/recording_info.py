@@ -138,7 +138,8 @@ def describe(recording: Recording, *, gap_limit: float = 0.1) -> RecordingInfo:
         count += piece.t.size
         on += int(np.count_nonzero(piece.p))
         first, last = min(first, int(piece.t.min())), max(last, int(piece.t.max()))
-        gaps.add(piece.t + late.lag(piece.t))
+        lag = late.lag(piece.t)
+        gaps.add(piece.t if lag is None else piece.t + lag)
         rate.add(piece.t)
     duration = (last - first) / 1e6
     mean = count / duration if duration else 0.0

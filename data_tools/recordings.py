@@ -173,7 +173,7 @@ class Recording:
             raise InputError(f"{self.path}: {error}") from None
 
     def _events(self, piece: Columns) -> Events:
-        t = piece.t - self.origin_us
+        t = piece.t - self.origin_us if self.origin_us else piece.t
         if t[0] < 0:
             raise InputError(
                 f"{self.path} has an event at {piece.t[0]} us, before origin_us = {self.origin_us}"

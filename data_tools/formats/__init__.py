@@ -72,7 +72,9 @@ class Options:
     def sensor(self, path: Path, declared: Size | None) -> Size:
         """Return (width, height), declared by the file or given by the caller, not both unlike."""
         if declared is None and self.size is None:
-            raise InputError(f"{path} does not tell the sensor size; give width and height (--size)")
+            raise InputError(
+                f"{path} does not tell the sensor size; give width and height (--size)"
+            )
         if declared is not None and self.size is not None and declared != self.size:
             raise InputError(
                 f"{path} is of a sensor of {declared[0]}x{declared[1]} px,"

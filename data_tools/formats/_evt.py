@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator
 from types import ModuleType
-from typing import Any
 
 import numpy as np
 
@@ -33,7 +32,6 @@ class _WordDecoder:
     def __init__(self) -> None:
         self._state = self._kernels.new_state()
         self._rest = b""
-        self._room: tuple[Any, ...] = ()
         self.losses: Counter[str] = Counter()
 
     def decode(self, data: bytes | bytearray | memoryview) -> Columns:
@@ -46,9 +44,9 @@ class _WordDecoder:
 
     def pieces(self, data: bytes | bytearray | memoryview) -> Iterator[Columns]:
         """Yield what `decode` returns in pieces of up to 262,144 events, at least one piece."""
-        buffer = self._rest + bytes(data)
+        buffer = self._rest + bytes(data) if self._rest else memoryview(data)
         words = np.frombuffer(buffer, self._word, len(buffer) // self._word.itemsize)
-        self._rest = buffer[words.nbytes :]
+        self._rest = bytes(buffer[words.nbytes :])
         at = 0
         while True:
             read, piece = self._decode(words[at:])
@@ -70,12 +68,12 @@ class _WordDecoder:
             self._rest = b""
 
     def _decode(self, words: np.ndarray) -> tuple[int, Columns]:
-        if not self._room:
-            x, y = np.empty((2, _ROOM), np.uint16)
-            self._room = x, y, np.empty(_ROOM, np.int64), np.empty(_ROOM, np.bool_)
-        read, n = self._kernels.decode(words, *self._room, self._state)
-        x, y, t, p = (column[:n].copy() for column in self._room)
-        return read, Columns(x, y, t, p)
+        # Pages of the room that no event reaches are never touched, so a copy would cost more.
+        room = min(_ROOM, words.size * self._kernels.MOST_PER_WORD + self._kernels.MOST_PER_WORD)
+        x, y = np.empty((2, room), np.uint16)
+        t, p = np.empty(room, np.int64), np.empty(room, np.bool_)
+        read, n = self._kernels.decode(words, x, y, t, p, self._state)
+        return read, Columns(x[:n], y[:n], t[:n], p[:n])
 
     def _count(self) -> None:
         for field, reason in self._reasons.items():

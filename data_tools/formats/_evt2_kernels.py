@@ -13,6 +13,9 @@ from evcalib.kernels._jit import jit
 
 OFF, ON, TIME_HIGH, EXT_TRIGGER, OTHERS, CONTINUED = 0x0, 0x1, 0x8, 0xA, 0xE, 0xF
 
+MOST_PER_WORD = 1
+"""Events that one word can hold."""
+
 # Fields of the state: high bits last read (-1 = none yet), what loops of them have added [us],
 # and counts of what could not be used.
 HIGH, LOOPS, EARLY, UNKNOWN, STATE_SIZE = range(5)
@@ -41,27 +44,27 @@ def decode(
 
     A step of the high bits by more than half their range is a loop of the 34-bit clock.
     """
-    n = 0
-    for k in range(words.size):
-        if n == t.size:
-            return k, n
+    high, loops = state[HIGH], state[LOOPS]
+    n = k = 0
+    while k < words.size and n < t.size:
         word = np.int64(words[k])
+        k += 1
         kind = word >> 28
         if kind in (OFF, ON):
-            if state[HIGH] < 0:
+            if high < 0:
                 state[EARLY] += 1
                 continue
             x[n], y[n] = (word >> 11) & 0x7FF, word & 0x7FF
-            t[n] = state[LOOPS] + (state[HIGH] << 6) + ((word >> 22) & 0x3F)
+            t[n] = loops + (high << 6) + ((word >> 22) & 0x3F)
             p[n] = kind == ON
             n += 1
         elif kind == TIME_HIGH:
-            high = word & 0xFFFFFFF
-            if state[HIGH] - high > _HALF:
-                state[LOOPS] += _LOOP
-            elif state[HIGH] >= 0 and high - state[HIGH] > _HALF:
-                state[LOOPS] -= _LOOP
-            state[HIGH] = high
+            last, high = high, word & 0xFFFFFFF
+            if last - high > _HALF:
+                loops += _LOOP
+            elif last >= 0 and high - last > _HALF:
+                loops -= _LOOP
         elif kind not in (EXT_TRIGGER, OTHERS, CONTINUED):
             state[UNKNOWN] += 1
-    return words.size, n
+    state[HIGH], state[LOOPS] = high, loops
+    return k, n

@@ -39,84 +39,73 @@ def new_state() -> Ints:
 
 @jit
 def decode(words: Shorts, x: Shorts, y: Shorts, t: Ints, p: Bools, state: Ints) -> tuple[int, int]:
-    """Decode until words or room end; return how many words were read and events written."""
-    n = 0
-    for k in range(words.size):
-        if n > t.size - MOST_PER_WORD:
-            return k, n
+    """Decode until words or room end; return how many words were read and events written.
+
+    The state lives in local variables here, which is twice as fast.
+    """
+    row, base, sign = state[ROW], state[BASE], state[SIGN]
+    high, low, loops = state[HIGH], state[LOW], state[LOOPS]
+    n = k = 0
+    while k < words.size and n <= t.size - MOST_PER_WORD:
         kind, value = words[k] >> 12, np.int64(words[k] & 0xFFF)
+        k += 1
         if kind == ADDR_X:
-            if _usable(state, 0, 1):
-                x[n], y[n], t[n], p[n] = value & 0x7FF, state[ROW], _time(state), value >> 11
-                n += 1
-        elif kind == TIME_LOW:
-            state[LOW] = value
-        elif kind == ADDR_Y:
-            state[ROW] = value & 0x7FF
-        elif kind == VECT_12:
-            n = _vector(value, 12, x, y, t, p, n, state)
-        elif kind == VECT_8:
-            n = _vector(value & 0xFF, 8, x, y, t, p, n, state)
-        elif kind == BASE_X:
-            state[BASE], state[SIGN] = value & 0x7FF, value >> 11
-        elif kind == TIME_HIGH:
-            _set_high(value, state)
-        elif kind not in (EXT_TRIGGER, OTHERS, CONTINUED_4, CONTINUED_12):
-            state[UNKNOWN] += 1
-    return words.size, n
+            column, mask, on = value & 0x7FF, np.int64(1), value >> 11
+        elif kind in (VECT_12, VECT_8):
+            pixels = 12 if kind == VECT_12 else 8
+            column, mask, on = base, value & ((1 << pixels) - 1), sign
+            # A base that no word has told stays unknown, and one that runs away does not wrap.
+            base = min(base + pixels, 0x7FFF) if base >= 0 else base
+        else:
+            if kind == TIME_LOW:
+                low = value
+            elif kind == ADDR_Y:
+                row = value & 0x7FF
+            elif kind == BASE_X:
+                base, sign = value & 0x7FF, value >> 11
+            elif kind == TIME_HIGH:
+                # The low bits start anew with each step of the high ones, until their own word.
+                low = 0 if 0 <= high != value and low >= 0 else low
+                loops += _looped(high, value)
+                high = value
+            elif kind not in (EXT_TRIGGER, OTHERS, CONTINUED_4, CONTINUED_12):
+                state[UNKNOWN] += 1
+            continue
+        if high < 0 or low < 0:
+            state[NO_TIME] += _ones(mask)
+        elif row < 0 or column < 0:
+            state[NO_PLACE] += _ones(mask)
+        else:
+            now = loops + (high << 12) + low
+            while mask:
+                if mask & 1:
+                    x[n], y[n], t[n], p[n] = column, row, now, on
+                    n += 1
+                mask >>= 1
+                column += 1
+    state[ROW], state[BASE], state[SIGN] = row, base, sign
+    state[HIGH], state[LOW], state[LOOPS] = high, low, loops
+    return k, n
 
 
 @jit
-def _vector(
-    mask: int, pixels: int, x: Shorts, y: Shorts, t: Ints, p: Bools, n: int, state: Ints
-) -> int:
-    """Write the events of a mask and move the base behind it."""
-    count = 0
-    for k in range(pixels):
-        count += (mask >> k) & 1
-    if _usable(state, state[BASE], count):
-        now = _time(state)
-        for k in range(pixels):
-            if (mask >> k) & 1:
-                x[n], y[n], t[n], p[n] = state[BASE] + k, state[ROW], now, state[SIGN]
-                n += 1
-    if state[BASE] >= 0:
-        # Behind the last column that can be told the base stays: uint16 shall not wrap.
-        state[BASE] = min(state[BASE] + pixels, 0x7FFF)
-    return n
-
-
-@jit
-def _usable(state: Ints, base: int, count: int) -> bool:
-    """Count events whose time or place has not been told yet; return whether both have."""
-    if state[HIGH] < 0 or state[LOW] < 0:
-        state[NO_TIME] += count
-        return False
-    if state[ROW] < 0 or base < 0:
-        state[NO_PLACE] += count
-        return False
-    return True
-
-
-@jit
-def _time(state: Ints) -> int:
-    return int(state[LOOPS] + (state[HIGH] << 12) + state[LOW])
-
-
-@jit
-def _set_high(high: int, state: Ints) -> None:
-    """Set the high bits; the low ones start anew with them, until their own word comes.
+def _looped(last: int, high: int) -> int:
+    """Return what a step of the high bits adds as loops of the clock [us].
 
     A step by more than half the range, 8.4 s, is a loop of the 24-bit clock; a smaller one back is
     a step back in time.
     """
-    last = state[HIGH]
-    if last == high:
-        return
     if last - high > _HALF:
-        state[LOOPS] += _LOOP
-    elif last >= 0 and high - last > _HALF:
-        state[LOOPS] -= _LOOP
-    if last >= 0 and state[LOW] >= 0:
-        state[LOW] = 0
-    state[HIGH] = high
+        return _LOOP
+    if last >= 0 and high - last > _HALF:
+        return -_LOOP
+    return 0
+
+
+@jit
+def _ones(mask: int) -> int:
+    count = 0
+    while mask:
+        count += mask & 1
+        mask >>= 1
+    return count

@@ -7,8 +7,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from data_tools.formats import Columns, Options, Source
+from data_tools.formats import _dat_kernels as kernels
 from data_tools.formats._blocks import read_blocks
 from data_tools.formats._prophesee_header import Header, parse_header, read_header
 from evcalib.errors import InputError
@@ -19,11 +21,9 @@ LARGEST_SIDE = 1 << 14
 """The records hold 14 bits of x and y."""
 
 BLOCK_BYTES = 1 << 22
+RECORD_BYTES = 8
 
-_RECORD = np.dtype([("t", "<u4"), ("place", "<u4")])
 _EVENT_2D, _CD, _TRIGGER = 0x00, 0x0C, 0x0E
-_HALF = 1 << 31
-_LOOP = 1 << 32
 
 
 def matches(path: Path, head: bytes) -> bool:
@@ -42,13 +42,12 @@ def open(path: Path, options: Options) -> Source:
     _check_records(path, header)
 
     def pieces(losses: Counter[str]) -> Iterator[Columns]:
-        clock = _Clock()
+        state = np.array([-1, 0])
         for block in read_blocks(path, header.end + 2, BLOCK_BYTES):
-            records = np.frombuffer(block, _RECORD, len(block) // _RECORD.itemsize)
-            rest = len(block) - records.nbytes
+            yield _columns(block, state)
+            rest = len(block) % RECORD_BYTES
             if rest:
                 losses["bytes of a cut-off last event"] += rest
-            yield _columns(records, clock)
 
     return Source("dat", width, height, pieces)
 
@@ -60,34 +59,17 @@ def _check_records(path: Path, header: Header) -> None:
     kind, size = told
     if kind == _TRIGGER:
         raise InputError(f"{path} holds external triggers, not events")
-    if kind not in (_EVENT_2D, _CD) or size != _RECORD.itemsize:
+    if kind not in (_EVENT_2D, _CD) or size != RECORD_BYTES:
         raise InputError(
             f"{path} has records of type {kind:#04x} and {size} bytes, not events of 8 bytes:"
             " is its header damaged?"
         )
 
 
-class _Clock:
-    """Undoes the loops of a 32-bit clock [us]: steps by more than half its range, 36 minutes."""
-
-    def __init__(self) -> None:
-        self._last: int | None = None
-        self._loops = 0
-
-    def unwrap(self, stamps: np.ndarray) -> np.ndarray:
-        t = stamps.astype(np.int64)
-        if not t.size:
-            return t
-        steps = np.diff(t, prepend=t[0] if self._last is None else self._last)
-        loops = np.cumsum((steps < -_HALF).astype(np.int64) - (steps > _HALF)) + self._loops
-        self._last, self._loops = int(t[-1]), int(loops[-1])
-        return t + loops * _LOOP
-
-
-def _columns(records: np.ndarray, clock: _Clock) -> Columns:
-    place = records["place"]
-    x, y = place & 0x3FFF, (place >> 14) & 0x3FFF
-    p = (place >> 28) & 1
-    return Columns(
-        x.astype(np.uint16), y.astype(np.uint16), clock.unwrap(records["t"]), p.astype(np.bool_)
-    )
+def _columns(block: bytes, state: NDArray[np.int64]) -> Columns:
+    words = np.frombuffer(block, "<u4", len(block) // RECORD_BYTES * 2)
+    records = words.astype(np.uint32, copy=False).reshape(-1, 2)
+    x, y = np.empty((2, len(records)), np.uint16)
+    t, p = np.empty(len(records), np.int64), np.empty(len(records), np.bool_)
+    kernels.decode(records, x, y, t, p, state)
+    return Columns(x, y, t, p)
