@@ -1,0 +1,351 @@
+"""Corners seen again and again, against the motion of the body: residuals, scores, information.
+
+A track is a corner at time t1 (its anchor, bearing b) and the same corner at later times t2.  With
+the camera's displacement d from t1 to t2, in the camera frame of t1, and the corner's inverse
+distance rho, it is seen along b - rho d: on the plane that touches the sphere at b, at
+
+    y = -rho a / (1 - rho z),   a = e . d (two axes e across b),   z = b . d.
+
+A corner trails its true place by the lag along its flow.  The anchor's own error shifts all
+sightings of a track alike: this mean is taken off, and the inverse distance solved for, track by
+track (variable projection, Golub and Pereyra 1973).  What is left depends on rotation, offset and
+lag alone.
+"""
+
+import math
+
+import numpy as np
+
+from evcalib.kernels._jit import jit
+from evcalib.kernels.epipolar import cross, dot
+
+UNKNOWNS = 5
+"""Rotation vector in the body frame [rad] (3), offset [s], lag [rad]."""
+
+NEAREST = 0.2
+"""Points that come nearer than this part of their first distance are not followed."""
+
+VALUE, FLOW = 0, 5
+"""Columns of what a sighting holds: the value, derivatives by rotation (1 to 3) and offset (4), and
+the change with time, along which the corner flows."""
+
+STEPS, FORGIVING, AGAIN = 8, 2, 3
+"""Steps of a track's own fit, of which the first ones forgive outliers; and steps from an earlier
+fit, with its weights."""
+
+
+@jit
+def _about_z(angle, a):
+    """Return a turned about Z by `angle`."""
+    c, s = math.cos(angle), math.sin(angle)
+    return c * a[0] - s * a[1], s * a[0] + c * a[1], a[2]
+
+
+@jit
+def _across_z(rate, a):
+    """Return rate * Z x a."""
+    return -rate * a[1], rate * a[0], 0.0
+
+
+@jit
+def _sum(a, b):
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
+
+
+@jit
+def _minus(a, b):
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
+
+
+@jit
+def _to_camera(R, a):
+    """Return R^T a."""
+    return (
+        R[0, 0] * a[0] + R[1, 0] * a[1] + R[2, 0] * a[2],
+        R[0, 1] * a[0] + R[1, 1] * a[1] + R[2, 1] * a[2],
+        R[0, 2] * a[0] + R[1, 2] * a[1] + R[2, 2] * a[2],
+    )
+
+
+@jit
+def _step(at, j, t):
+    """Return the step of t that `at` falls into, sought from step j on."""
+    while j > 0 and at < t[j]:
+        j -= 1
+    while j < t.size - 2 and at >= t[j + 1]:
+        j += 1
+    return j
+
+
+@jit
+def _state(at, j, motion):
+    """Return position, velocity, yaw and yaw rate in the world at time `at` within step j."""
+    t, v, slope, path, yaw, _ = motion
+    u = at - t[j]
+    position = (
+        path[j, 0] + u * (v[j, 0] + 0.5 * u * slope[j, 0]),
+        path[j, 1] + u * (v[j, 1] + 0.5 * u * slope[j, 1]),
+        path[j, 2] + u * (v[j, 2] + 0.5 * u * slope[j, 2]),
+    )
+    velocity = v[j, 0] + u * slope[j, 0], v[j, 1] + u * slope[j, 1], v[j, 2] + u * slope[j, 2]
+    rate = (yaw[j + 1] - yaw[j]) / (t[j + 1] - t[j])
+    return position, velocity, yaw[j] + u * rate, rate
+
+
+@jit
+def _axes(b):
+    """Return two axes across b, shape (2, 3)."""
+    least = 0
+    for k in range(1, 3):
+        if abs(b[k]) < abs(b[least]):
+            least = k
+    e = np.zeros((2, 3))
+    e[0, least] = 1.0
+    e[0] -= b[least] * b
+    e[0] /= math.sqrt(dot(e[0], e[0]))
+    e[1, 0], e[1, 1], e[1, 2] = cross(b, e[0])
+    return e
+
+
+@jit
+def _sighting(before, after, ray, camera, lever, a, z, y, dy):
+    """Fill in where a corner is seen, and the displacement in the same terms.
+
+    before, after : position, velocity, yaw and yaw rate of the body, see `_state`.
+    ray : bearing at t2 in the body frame of t2.
+    camera : (R, b, e), rotation, bearing of the anchor, and axes across it.
+    a, z : (6, 2) and (6,), displacement across and along b, in columns as above.
+    y, dy : (2,) and (5, 2), the sighting and its derivatives (columns 1 to 4).
+
+    Returns whether the corner is in front.
+    """
+    R, b, e = camera
+    p1, _, yaw1, rate1 = before
+    p2, v2, yaw2, rate2 = after
+    psi = yaw2 - yaw1
+    arm = _about_z(psi, lever)
+    path = _about_z(-yaw1, _minus(p2, p1))
+    change = _sum(_about_z(-yaw1, _minus(v2, before[1])), _across_z(-rate1, path))
+    change = _sum(change, _across_z(rate2 - rate1, arm))
+    D = _sum(path, _minus(arm, lever))
+    seen_by_body = _about_z(psi, ray)
+    seen = _to_camera(R, seen_by_body)
+    depth = dot(b, seen)
+    if depth < NEAREST:
+        return False
+    y[0], y[1] = dot(e[0], seen) / depth, dot(e[1], seen) / depth
+    c, s = math.cos(psi) - 1.0, math.sin(psi)
+    none = (0.0, 0.0, 0.0)
+    moved = (
+        D,
+        (0.0, D[2], -D[1]),
+        (-D[2], 0.0, D[0]),
+        (D[1], -D[0], 0.0),
+        change,
+        _sum(_about_z(-yaw1, v2), _across_z(rate2, arm)),
+    )
+    turned = (
+        none,
+        cross((c, s, 0.0), seen_by_body),
+        cross((-s, c, 0.0), seen_by_body),
+        none,
+        _across_z(rate2 - rate1, seen_by_body),
+        none,
+    )
+    for k in range(6):
+        d, h = _to_camera(R, moved[k]), _to_camera(R, turned[k])
+        a[k, 0], a[k, 1], z[k] = dot(e[0], d), dot(e[1], d), dot(b, d)
+        if k < 5:
+            along = dot(b, h)
+            dy[k, 0] = (dot(e[0], h) - y[0] * along) / depth
+            dy[k, 1] = (dot(e[1], h) - y[1] * along) / depth
+    return True
+
+
+@jit
+def _start(m, a, z, y, w):
+    """Return the inverse distance by linear least squares: y = rho (y z - a)."""
+    top, bottom = 0.0, 0.0
+    for i in range(1, m):
+        for c in range(2):
+            g = y[i, c] * z[i, VALUE] - a[i, VALUE, c]
+            top += w[i] * g * y[i, c]
+            bottom += w[i] * g * g
+    return top / bottom if bottom > 1e-18 else 0.0
+
+
+@jit
+def _flow(rho, s, a, z, slowest, out):
+    """Fill in the unit direction of a corner's flow; zero where it is below `slowest` [rad/s]."""
+    length = 0.0
+    for c in range(2):
+        out[c] = -rho * a[FLOW, c] / s - rho * rho * a[VALUE, c] * z[FLOW] / (s * s)
+        length += out[c] * out[c]
+    length = math.sqrt(length)
+    for c in range(2):
+        out[c] = out[c] / length if length > slowest else 0.0
+
+
+@jit
+def _fit(m, rho, steps, sighted, lag, reach, slowest, work):
+    """Fit a track's inverse distance and mean; return rho, weight and information (0: no fit).
+
+    sighted : (a, z, y, known), known (m,) 1.0 where there is a sighting.
+    work : (w, e, g, flow), weights (m,), residuals, slopes by rho less their mean, flow, (m, 2).
+    """
+    a, z, y, known = sighted
+    w, e, g, flow = work
+    weight, information = 0.0, 0.0
+    for step in range(STEPS - steps, STEPS):
+        weight = 0.0
+        mean_e, mean_g = np.zeros(2), np.zeros(2)
+        for i in range(m):
+            s = max(1.0 - rho * z[i, VALUE], NEAREST)
+            _flow(rho, s, a[i], z[i], slowest, flow[i])
+            weight += w[i]
+            for c in range(2):
+                e[i, c] = y[i, c] + rho * a[i, VALUE, c] / s + lag * flow[i, c]
+                g[i, c] = -a[i, VALUE, c] / (s * s)
+                mean_e[c] += w[i] * e[i, c]
+                mean_g[c] += w[i] * g[i, c]
+        if weight < 1e-9:
+            return rho, 0.0, 0.0
+        slope, information = 0.0, 0.0
+        for i in range(m):
+            for c in range(2):
+                e[i, c] -= mean_e[c] / weight
+                g[i, c] -= mean_g[c] / weight
+                slope += w[i] * g[i, c] * e[i, c]
+                information += w[i] * g[i, c] * g[i, c]
+        if not information > 1e-18:
+            return rho, 0.0, 0.0
+        if step == STEPS - 1:
+            break
+        rho += slope / information
+        if rho <= 0.0:
+            return rho, 0.0, 0.0
+        for i in range(m):
+            u = (e[i, 0] ** 2 + e[i, 1] ** 2) / (reach * reach)
+            if step < FORGIVING:
+                w[i] = known[i] / (1.0 + 9.0 * u)
+            else:
+                w[i] = known[i] * (1.0 - u) ** 2 if u < 1.0 else 0.0
+    return rho, weight, information
+
+
+@jit
+def _derivatives(m, rho, sighted, dy, work, totals, J):
+    """Fill in the residuals' derivatives J (m, 5, 2), less their share in mean and distance."""
+    a, z, _, _ = sighted
+    w, _, g, flow = work
+    weight, information = totals
+    for k in range(UNKNOWNS):
+        mean = np.zeros(2)
+        for i in range(m):
+            s = max(1.0 - rho * z[i, VALUE], NEAREST)
+            for c in range(2):
+                if k == 4:
+                    J[i, k, c] = flow[i, c]
+                else:
+                    J[i, k, c] = (
+                        dy[i, k + 1, c]
+                        + rho * a[i, k + 1, c] / s
+                        + rho * rho * a[i, VALUE, c] * z[i, k + 1] / (s * s)
+                    )
+                mean[c] += w[i] * J[i, k, c] / weight
+        share = 0.0
+        for i in range(m):
+            for c in range(2):
+                J[i, k, c] -= mean[c]
+                share += w[i] * J[i, k, c] * g[i, c] / information
+        for i in range(m):
+            for c in range(2):
+                J[i, k, c] -= share * g[i, c]
+
+
+@jit
+def follow(tracks, R, unknowns, motion, options, out):
+    """Follow all tracks; return the information (5, 5) of the unknowns.
+
+    tracks : (first, r1, r2, t1, t2); rows first[k] to first[k + 1] are sightings of one corner at
+        r1[i], t1[i], the same for all of a track, seen at r2[i], t2[i].
+    unknowns : (offset [s], lag [rad]).
+    motion : (t, v, slope, path, yaw, segment) in the world.
+    options : (reach of the loss [rad], slowest flow with a direction [rad/s], camera in the body
+        frame (3) [m]).
+    out : (residuals (n, 2) [rad], weights (n,), inverse distances (tracks,), scores (tracks, 5),
+        losses (tracks,) [rad^2]).  Where a distance is positive, the track's fit starts from it and
+        from the weights.  Weights and scores of what cannot be followed are zero; its loss is that
+        of outliers.
+    """
+    first, r1, r2, t1, t2 = tracks
+    t, segment = motion[0], motion[5]
+    reach, slowest, lever = options
+    residuals, weights, distances, scores, losses = out
+    most = 1
+    for k in range(first.size - 1):
+        most = max(most, first[k + 1] - first[k] + 1)
+    a, z, y = np.zeros((most, 6, 2)), np.zeros((most, 6)), np.zeros((most, 2))
+    dy, J = np.zeros((most, 5, 2)), np.zeros((most, UNKNOWNS, 2))
+    known, w = np.zeros(most), np.zeros(most)
+    e, g, flow = np.zeros((most, 2)), np.zeros((most, 2)), np.zeros((most, 2))
+    total = np.zeros((UNKNOWNS, UNKNOWNS))
+    start, end = 0, 0
+    for k in range(first.size - 1):
+        low, m = first[k], first[k + 1] - first[k] + 1
+        again = distances[k] > 0.0
+        for i in range(1, m):
+            w[i] = weights[low + i - 1] if again else 1.0
+            weights[low + i - 1] = 0.0
+        scores[k] = 0.0
+        losses[k] = (m - 1) * reach * reach / 6.0
+        anchored = t1[low] + unknowns[0]
+        start = _step(anchored, start, t)
+        if anchored < t[0] or anchored > t[-1] or segment[start] != segment[start + 1]:
+            continue
+        before = _state(anchored, start, motion)
+        b = r1[low]
+        camera = (R, b, _axes(b))
+        own = (dot(R[0], b), dot(R[1], b), dot(R[2], b))
+        _sighting(before, before, own, camera, lever, a[0], z[0], y[0], dy[0])
+        known[0] = w[0] = 1.0
+        seen = 0
+        for i in range(1, m):
+            a[i], z[i], y[i], dy[i] = 0.0, 0.0, 0.0, 0.0
+            known[i] = 0.0
+            r, at = r2[low + i - 1], t2[low + i - 1] + unknowns[0]
+            end = _step(at, end, t)
+            if at < t[0] or at > t[-1] or segment[start] != segment[end + 1]:
+                w[i] = 0.0
+                continue
+            ray = (dot(R[0], r), dot(R[1], r), dot(R[2], r))
+            after = _state(at, end, motion)
+            if _sighting(before, after, ray, camera, lever, a[i], z[i], y[i], dy[i]):
+                known[i] = 1.0
+                seen += 1
+            w[i] *= known[i]
+        if seen < 2:
+            continue
+        rho = distances[k] if again else _start(m, a, z, y, w)
+        distances[k] = 0.0
+        if rho <= 0.0:
+            continue
+        sighted, work = (a, z, y, known), (w, e, g, flow)
+        steps = AGAIN if again else STEPS
+        rho, weight, information = _fit(m, rho, steps, sighted, unknowns[1], reach, slowest, work)
+        if weight == 0.0:
+            continue
+        distances[k] = rho
+        _derivatives(m, rho, sighted, dy, work, (weight, information), J)
+        losses[k] = 0.0
+        for i in range(m):
+            u = min((e[i, 0] ** 2 + e[i, 1] ** 2) / (reach * reach), 1.0)
+            losses[k] += known[i] * reach * reach / 6.0 * (1.0 - (1.0 - u) ** 3)
+            if i > 0:
+                weights[low + i - 1] = w[i]
+                residuals[low + i - 1] = e[i]
+            for c in range(UNKNOWNS):
+                scores[k, c] += w[i] * (J[i, c, 0] * e[i, 0] + J[i, c, 1] * e[i, 1])
+                for d in range(UNKNOWNS):
+                    total[c, d] += w[i] * (J[i, c, 0] * J[i, d, 0] + J[i, c, 1] * J[i, d, 1])
+    return total
