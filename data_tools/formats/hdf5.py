@@ -96,8 +96,8 @@ def _file(path: Path) -> Iterator[h5py.File]:
     try:
         with h5py.File(path, "r", rdcc_nbytes=_CACHE) as file:
             yield file
-    except InputError:
-        raise
+    except InputError as error:
+        raise InputError(str(error) if str(path) in str(error) else f"{path}: {error}") from None
     except (OSError, RuntimeError, KeyError, ValueError, TypeError) as error:
         raise InputError(f"{path} is damaged or cut off, says HDF5: {error}") from None
 
@@ -200,12 +200,6 @@ def _step(columns: list[h5py.Dataset]) -> int:
 
 
 def _check_sizes(path: Path, columns: list[h5py.Dataset]) -> None:
-    declared, held = sum(column.nbytes for column in columns), path.stat().st_size
-    if declared > HARMLESS and declared > MAX_RATIO * held:
-        raise InputError(
-            f"{path} declares {declared} bytes of events, but the whole file has {held}: it is"
-            " damaged or made to fill the memory; write it again (h5repack) if it is sound"
-        )
     for column in columns:
         chunk = int(np.prod(column.chunks)) * column.dtype.itemsize if column.chunks else 0
         if chunk > MAX_CHUNK:
@@ -213,6 +207,12 @@ def _check_sizes(path: Path, columns: list[h5py.Dataset]) -> None:
                 f"{path}: {column.name} is in chunks of {chunk} bytes, each unpacked as a whole;"
                 " write it in smaller ones: h5repack -l CHUNK=100000"
             )
+    declared, held = sum(column.nbytes for column in columns), path.stat().st_size
+    if declared > HARMLESS and declared > MAX_RATIO * held:
+        raise InputError(
+            f"{path} declares {declared} bytes of events, but the whole file has {held}: it is"
+            " damaged or made to fill the memory; write it again (h5repack) if it is sound"
+        )
 
 
 def _check_filters(columns: list[h5py.Dataset]) -> None:
