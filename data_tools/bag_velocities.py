@@ -94,6 +94,10 @@ def read_bag_motion(
                 )
             entries = column_map(columns, wheel_radius=wheel_radius, speed_unit="rad/s")
             stamps, rows = _collected(bag, chosen, _joints(bag, chosen, entries))
+        elif columns is not None:
+            raise InputError(
+                f"{path}: {chosen.name} holds {chosen.type}, which needs no column map"
+            )
         else:
             entries = {}
             stamps, rows = _collected(bag, chosen, _twists(bag, chosen))
@@ -127,12 +131,16 @@ def _joints(
     bag: Bag, topic: Topic, entries: Mapping[str, Entry]
 ) -> Iterator[tuple[Any, list[float]]]:
     """Yield the mapped joints of messages that hold them; others publish other joints there."""
+    others: set[str] = set()
+    found = False
     for number, raw in enumerate(bag.messages(topic)):
         message = bag.decode(topic, raw)
         place = {name: k for k, name in enumerate(message.name)}
         lacking = [e.column for e in entries.values() if e.column not in place]
-        if len(lacking) == len(entries) and number:
+        if len(lacking) == len(entries):
+            others |= set(place)
             continue
+        found = True
         if lacking:
             raise InputError(
                 f"{bag.path}, message {number} of {topic.name} lacks the joint(s)"
@@ -149,6 +157,12 @@ def _joints(
                 )
             row.append(float(values[place[entry.column]]) * entry.factor)
         yield message.header.stamp, row
+    if not found:
+        wanted = ", ".join(entry.column for entry in entries.values())
+        raise InputError(
+            f"{bag.path}: {topic.name} has none of the joints {wanted}; it has"
+            f" {', '.join(sorted(others)) or 'none'}"
+        )
 
 
 def _collected(

@@ -132,10 +132,12 @@ def _entry(name: str, value: Any, radius: Any, defaults: dict[str, str]) -> Entr
         )
     extra = [key for key in content if key not in ("column", "unit", "radius", "scale")]
     if extra:
-        raise InputError(f"{name} has no {', '.join(map(str, extra))}; it has column, unit, scale")
+        raise InputError(
+            f"{name} has no {', '.join(map(str, extra))}; it has column, unit, radius, scale"
+        )
     unit = content.get("unit", defaults.get(kind, _OURS.get(kind, "rad/s")))
     if unit not in _KINDS[kind]:
-        raise InputError(f"{name}, a {kind}, is in one of {', '.join(_KINDS[kind])}, not {unit!r}")
+        raise InputError(f"{name} ({kind}) is in one of {', '.join(_KINDS[kind])}, not {unit!r}")
     factor = _KINDS[kind][unit] * _number(content.get("scale", 1.0), f"scale of {name}")
     if kind == "wheel speed" and unit in _RATE:
         radius = content.get("radius", radius)
