@@ -95,9 +95,7 @@ def read_bag_motion(
             entries = column_map(columns, wheel_radius=wheel_radius, speed_unit="rad/s")
             stamps, rows = _collected(bag, chosen, _joints(bag, chosen, entries))
         elif columns is not None:
-            raise InputError(
-                f"{path}: {chosen.name} holds {chosen.type}, which needs no column map"
-            )
+            raise InputError(f"{path}: {chosen.name} ({chosen.type}) takes no column map")
         else:
             entries = {}
             stamps, rows = _collected(bag, chosen, _twists(bag, chosen))
