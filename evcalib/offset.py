@@ -233,16 +233,7 @@ def _scalar_curve(
 ) -> tuple[Floats, Floats]:
     """Correlate how fast the two directions turn, which no rotation changes (cf. Mair 2011)."""
     t, rate = _turn_rate(headings.t, headings.v, half)
-    score, totals = np.zeros(offsets.size), np.zeros(offsets.size)
-    for k, offset in enumerate(offsets):
-        before = track.directions(t - half, t - half, offset)
-        after = track.directions(t + half, t + half, offset)
-        known = np.any(before != 0, axis=1) & np.any(after != 0, axis=1)
-        totals[k] = known.sum()
-        other = np.linalg.norm(after - before, axis=1)[known]
-        if known.sum() > 2 and other.std() > 0 and rate[known].std() > 0:
-            score[k] = np.corrcoef(rate[known], other)[0, 1]
-    return score, totals
+    return kernel.turning_correlation(t, rate, half, offsets, track.arrays, track.limits)
 
 
 def _turn_rate(t: Floats, v: Floats, half: float) -> tuple[Floats, Floats]:

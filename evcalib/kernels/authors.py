@@ -50,22 +50,19 @@ def correlation_curve(t_e, v_e, t_o, coefficients, offsets):
                 cov_ee[a, b] += (v_e[i, a] - mean_e[a]) * (v_e[i, b] - mean_e[b]) / n
 
     curve = np.empty(offsets.size)
-    shifted = np.empty((n, 3))
+    centred, shifted = v_e - mean_e, np.empty((n, 3))
     for k in range(offsets.size):
         _spline(t_e, offsets[k], t_o, coefficients, shifted)
         cov_oo, cov_eo = np.zeros((3, 3)), np.zeros((3, 3))
-        mean_o = np.zeros(3)
+        for a in range(3):
+            shifted[:, a] -= shifted[:, a].mean()
         for i in range(n):
             for a in range(3):
-                mean_o[a] += shifted[i, a] / n
-        for i in range(n):
-            for a in range(3):
-                left, right = v_e[i, a] - mean_e[a], shifted[i, a] - mean_o[a]
+                left, right = centred[i, a], shifted[i, a]
                 for b in range(3):
-                    other = shifted[i, b] - mean_o[b]
-                    cov_eo[a, b] += left * other / n
-                    cov_oo[a, b] += right * other / n
-        curve[k] = _first_correlation(cov_ee, cov_oo, cov_eo, n)
+                    cov_eo[a, b] += left * shifted[i, b]
+                    cov_oo[a, b] += right * shifted[i, b]
+        curve[k] = _first_correlation(cov_ee, cov_oo / n, cov_eo / n, n)
     return curve
 
 
@@ -79,8 +76,8 @@ def _spline(t_e, offset, t_o, coefficients, out):
             j += 1
         u = t - t_o[j]
         for a in range(3):
-            c = coefficients[:, j, a]
-            out[i, a] = ((c[0] * u + c[1]) * u + c[2]) * u + c[3]
+            value = coefficients[0, j, a] * u + coefficients[1, j, a]
+            out[i, a] = (value * u + coefficients[2, j, a]) * u + coefficients[3, j, a]
 
 
 @jit

@@ -67,6 +67,40 @@ def moments(start, end, e, weight, offsets, track, limits):
 
 
 @jit
+def turning_correlation(at, rate, half, offsets, track, limits):
+    """Correlate `rate` with how far directions turn from `half` before to `half` after each time.
+
+    at, rate : (n,) times and turns; half : [s].
+    Returns the correlation (m,), 0 where it is undefined, and the number of pairs (m,).
+    """
+    t, v, slope, path, segment = track
+    m, n = offsets.size, at.size
+    score, totals = np.zeros(m), np.zeros(m)
+    before, after = np.empty((3, n)), np.empty((3, n))
+    x, y = np.empty(n), np.empty(n)
+    for k in range(m):
+        directions(at, at, offsets[k] - half, t, v, slope, path, segment, limits, before)
+        directions(at, at, offsets[k] + half, t, v, slope, path, segment, limits, after)
+        count = 0
+        for i in range(n):
+            known_before = before[0, i] != 0.0 or before[1, i] != 0.0 or before[2, i] != 0.0
+            known_after = after[0, i] != 0.0 or after[1, i] != 0.0 or after[2, i] != 0.0
+            if known_before and known_after:
+                turn = 0.0
+                for a in range(3):
+                    turn += (after[a, i] - before[a, i]) ** 2
+                x[count], y[count] = rate[i], np.sqrt(turn)
+                count += 1
+        totals[k] = count
+        if count > 2:
+            p, q = x[:count] - x[:count].mean(), y[:count] - y[:count].mean()
+            spread = np.sqrt((p * p).sum() * (q * q).sum())
+            if spread > 0.0:
+                score[k] = (p * q).sum() / spread
+    return score, totals
+
+
+@jit
 def contrast(start, end, e, weight, offsets, track, limits, rotations, reach, peak):
     """Return mean and variance, over pairs, of the score at the peak less that at each offset.
 
