@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from evcalib._heading_fit import Fit, Matches
+from evcalib._correspondences import CorrespondenceKeeper, Correspondences
+from evcalib._heading_fit import Fit
 from evcalib._keyframes import Counts
 from evcalib._recording import EventRate, Snapshot, SnapshotKeeper
 from evcalib.series import HeadingSeries
@@ -29,36 +30,6 @@ class Gap:
 
     t: float
     reason: str
-
-
-@dataclass(frozen=True, eq=False)
-class Correspondences:
-    """Matches behind the headings.  Every keyframe pair appears once.
-
-    Attributes
-    ----------
-    r1, r2 : ndarray, shape (n, 3)
-        Unit bearings in the camera frame.
-    t1, t2 : ndarray, shape (n,)
-        Times of the corners themselves [s].
-    inlier : ndarray of bool, shape (n,)
-        Whether they agree with one direction over all spans of their window.
-    pair : ndarray of int64, shape (n,)
-        Number of the keyframe pair, from 0.
-    heading : ndarray of int64, shape (n,)
-        Row of the heading.
-    """
-
-    r1: Floats
-    r2: Floats
-    t1: Floats
-    t2: Floats
-    inlier: NDArray[np.bool_]
-    pair: NDArray[np.int64]
-    heading: NDArray[np.int64]
-
-    def __len__(self) -> int:
-        return int(self.t1.size)
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,7 +106,7 @@ def collected(
     found: list[Found],
     gaps: list[Gap],
     counts: Counts,
-    kept: list[tuple[Matches, NDArray[np.bool_]]] | None,
+    kept: CorrespondenceKeeper | None,
     rate: EventRate,
     snapshots: SnapshotKeeper,
 ) -> HeadingEstimate:
@@ -150,27 +121,8 @@ def collected(
         covariance=np.array([one.covariance for one in found]).reshape(-1, 3, 3),
         gaps=tuple(gaps),
         counts=counts,
-        correspondences=None if kept is None else joined(kept),
+        correspondences=None if kept is None else kept.result(),
         inlier_share=share,
         event_rate=rate,
         snapshot=snapshots.result(float(rate.t[0]), float(rate.t[-1]) + rate.width),
-    )
-
-
-def joined(kept: list[tuple[Matches, NDArray[np.bool_]]]) -> Correspondences:
-    """Join the matches of all headings."""
-    if not kept:
-        none = np.empty(0)
-        rows = np.empty((0, 3))
-        whole = np.empty(0, dtype=np.int64)
-        return Correspondences(rows, rows, none, none, whole > 0, whole, whole)
-    matches = Matches.pooled([m for m, _ in kept])
-    return Correspondences(
-        r1=matches.r1,
-        r2=matches.r2,
-        t1=matches.t1,
-        t2=matches.t2,
-        inlier=np.concatenate([inliers for _, inliers in kept]),
-        pair=np.unique(matches.pair, return_inverse=True)[1].astype(np.int64),
-        heading=np.repeat(np.arange(len(kept)), [len(m) for m, _ in kept]),
     )

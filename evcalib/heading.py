@@ -6,9 +6,9 @@ from collections import deque
 from collections.abc import Iterable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from evcalib import _check
+from evcalib._correspondences import CorrespondenceKeeper, Correspondences
 from evcalib._heading_fit import (
     MAX_STEPS,
     NOT_NEWER,
@@ -20,7 +20,7 @@ from evcalib._heading_fit import (
     fit,
     match_keyframes,
 )
-from evcalib._heading_result import Correspondences, Found, Gap, HeadingEstimate, collected
+from evcalib._heading_result import Found, Gap, HeadingEstimate, collected
 from evcalib._keyframes import Counts, Keyframe, KeyframeMaker
 from evcalib._recording import EventRate, RateCounter, Snapshot, SnapshotKeeper
 from evcalib.camera import Camera
@@ -96,9 +96,8 @@ class HeadingEstimator:
         self._keyframes: deque[Keyframe] = deque(maxlen=2 * self._lag + 1)
         self._next = 0
         self._pairs: dict[int, list[Matches]] = {}
-        self._keep = keep_correspondences
+        self._kept = CorrespondenceKeeper() if keep_correspondences else None
         self._found: list[Found] = []
-        self._kept: list[tuple[Matches, NDArray[np.bool_]]] = []
         self._gaps: list[Gap] = []
         self._rate = RateCounter()
         self._snapshots = SnapshotKeeper()
@@ -133,9 +132,8 @@ class HeadingEstimator:
                 " longer"
             )
         self._drain()
-        kept = self._kept if self._keep else None
         rate = self._rate.result()
-        return collected(self._found, self._gaps, counts, kept, rate, self._snapshots)
+        return collected(self._found, self._gaps, counts, self._kept, rate, self._snapshots)
 
     def _drain(self) -> None:
         """Close the windows that wait for keyframes that will not come."""
@@ -164,10 +162,10 @@ class HeadingEstimator:
         if isinstance(found, str):
             self._gaps.append(Gap(t, found))
             return
-        if self._keep:
+        if self._kept is not None:
             # Each pair belongs to the window whose middle is nearest, or just before.
             own = matches.middle // 2 == centre
-            self._kept.append((matches[own], found.agreeing[own]))
+            self._kept.add(matches[own], found.agreeing[own], len(self._found))
         self._snapshots.offer(self._keyframes, matches, found)
         self._found.append(Found.of(found))
 
@@ -248,7 +246,7 @@ def estimate_headings(
     seed : int
         Of the descriptor's pattern and of the solver's samples.
     keep_correspondences : bool
-        Keep the matches of all headings, which then grow with the recording.
+        Keep the matches behind the headings; of a long recording those of some corners.
 
     Returns
     -------

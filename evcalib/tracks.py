@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from evcalib._heading_result import Correspondences
+from evcalib._correspondences import Correspondences
 
 Floats = NDArray[np.float64]
 
