@@ -99,6 +99,17 @@ def test_alignment_in_time_pays_on_polylines_and_is_flagged_as_impossible_on_arc
     assert median("arc 4 m", "ours") == pytest.approx(median("arc 4 m", "vc_wota"), rel=0.1)
 
 
+def test_real_trials_give_the_same_file_in_two_processes(tmp_path):
+    few = study("paper", methods=["ours", "vc", "hand_eye"])
+    few = Study("few", few.cells[8:9], few.trial)
+    one, two = (
+        run_study(few, trials=3, seed=1, folder=tmp_path / str(workers), workers=workers)
+        for workers in (1, 2)
+    )
+    assert one.path.read_bytes() == two.path.read_bytes()
+    assert not one.failures
+
+
 @pytest.mark.parametrize(
     ("parameters", "kind"),
     [

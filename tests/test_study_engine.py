@@ -211,6 +211,16 @@ def test_results_of_another_run_are_refused(tmp_path, change, words, finished):
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
+def test_killed_after_the_table_was_written_a_study_is_finished(tmp_path):
+    journal, study = journal_of(tmp_path)
+    notes = journal.read_bytes()
+    done = run(tmp_path, study).path.read_bytes()
+    journal.write_bytes(notes)
+    assert run(tmp_path, study).path.read_bytes() == done
+    assert not journal.exists()
+    assert len((tmp_path / "log").read_text().splitlines()) == 36
+
+
 def test_files_that_are_no_studies_are_refused(tmp_path):
     (tmp_path / "small.journal").write_text("my diary\n")
     with pytest.raises(InputError, match="no journal of a study"):

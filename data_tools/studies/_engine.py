@@ -16,7 +16,7 @@ import evcalib
 from data_tools.studies._journal import Journal
 from data_tools.studies._model import Key, Outcome, Study, check_identity, run_trials
 from data_tools.studies._pools import Pool, open_pool
-from data_tools.studies._table import columns_of, read_table, write_table
+from data_tools.studies._table import Columns, columns_of, read_table, write_table
 from evcalib.errors import EvcalibError, InputError
 
 AHEAD = 2
@@ -50,13 +50,15 @@ def run(
     if trials < 1 or seed < 0:
         raise InputError(f"trials must be at least 1 and the seed at least 0: {trials}, {seed}")
     path, identity = folder / f"{study.name}.h5", study.identity(trials, seed)
+    notes = folder / f"{study.name}.journal"
     _make(folder)
     if path.exists():
         stored, _, columns = read_table(path)
         check_identity(stored, identity, path)
-        if not (study.retry_failures and (columns["failure"] != "").any()):
+        if not _to_retry(study, columns):
+            notes.unlink(missing_ok=True)
             return path
-    journal = Journal(folder / f"{study.name}.journal", identity)
+    journal = Journal(notes, identity)
     try:
         done = _done(study, journal, trials)
         if not done.all():
@@ -71,11 +73,15 @@ def run(
                 _Run(study, seed, pool, journal, bar, done).all()
         columns = columns_of(journal.outcomes(), study.cells)
         write_table(path, identity, study, columns)
-        if not (study.retry_failures and (columns["failure"] != "").any()):
+        if not _to_retry(study, columns):
             journal.remove()
     finally:
         journal.close()
     return path
+
+
+def _to_retry(study: Study, columns: Columns) -> bool:
+    return study.retry_failures and bool((columns["failure"] != "").any())
 
 
 def _make(folder: Path) -> None:
