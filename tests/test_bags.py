@@ -1,10 +1,11 @@
 """Events in bags: read exactly as the `rosbags` library wrote them, whatever kind of bag."""
 
 import contextlib
+import sqlite3
 
 import numpy as np
 import pytest
-from bag_writing import DVS, KINDS, PROPHESEE, Maker
+from bag_writing import DVS, KINDS, PACKETS, PROPHESEE, Maker, get_types_from_msg
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -163,6 +164,32 @@ def test_a_bag_that_was_not_indexed_is_read(tmp_path):
     assert not recording.losses["bytes of a cut-off last record"]
 
 
+@pytest.mark.parametrize("type", [DVS, PACKETS])
+def test_ros_2_bags_need_not_define_their_messages(tmp_path, type):
+    make = Maker("sqlite3")
+    if type == DVS:
+        message = make.array(DVS, FIVE, 640, 480)
+    else:
+        word = np.array([1 << 63 | 2 << 48 | 1 << 32], "<u8")
+        message = make.packet(START, 1, "mono", word)
+    folder = make.write(tmp_path, [("/e", [(START, message)])])
+    (file,) = folder.glob("*.db3")
+    with contextlib.closing(sqlite3.connect(file)) as database, database:
+        database.execute("DELETE FROM message_definitions")
+    expected = micros(FIVE) if type == DVS else [(1, 2, (START + 500) // 1000, True)]
+    assert events(folder)[0] == expected
+
+
+def test_width_may_come_before_height_and_be_signed(tmp_path):
+    make = Maker("ros1")
+    text = "std_msgs/Header header\nint32 width\nint32 height\nEvent[] events"
+    make.store.fielddefs.pop(PROPHESEE)
+    make.store.register(get_types_from_msg(text, PROPHESEE))
+    path = make.write(tmp_path, [("/e", [(START, make.array(PROPHESEE, FIVE, 640, 480))])])
+    read, recording = events(path)
+    assert (read, recording.shape) == (micros(FIVE), (480, 640))
+
+
 @pytest.mark.parametrize("kind", ["sqlite3", "mcap"])
 def test_a_cut_ros_2_bag_is_refused_with_advice(tmp_path, kind):
     folder = long_bag(tmp_path, kind)
@@ -200,8 +227,6 @@ def test_without_rosbags_the_extra_is_named(tmp_path, monkeypatch):
 
 def test_other_definitions_under_a_known_name_are_refused(tmp_path):
     make = Maker("ros1")
-    from rosbags.typesys import get_types_from_msg
-
     text = "std_msgs/Header header\nuint32 height\nuint32 width\nuint8[] events"
     make.store.fielddefs.pop(DVS)
     make.store.register(get_types_from_msg(text, DVS))

@@ -6,6 +6,7 @@ from bag_writing import Maker
 
 from data_tools.recordings import open_recording
 from evcalib.errors import InputError
+from evcalib.events import Events
 
 START = 1_700_000_000_000_000  # [us], ROS time of sensor time 0
 TURN = 1 << 24
@@ -168,3 +169,34 @@ def test_packets_without_a_time_of_their_own_follow_the_one_before(tmp_path):
     ]
     rows = events(open_recording(record(tmp_path, packets)))
     assert [(x, t - START) for x, _, t, _ in rows] == [(5, 100), (9, 100), (5, 9000)]
+
+
+def test_a_real_stream_cut_into_packets_gives_the_same_events(data, tmp_path):
+    """evt3.raw, cut anywhere, each part stamped 0.3 ms after its last time."""
+    path = data / "formats" / "evt3.raw"
+    raw = path.read_bytes()
+    body = raw[raw.index(b"% system_ID 49\n") + len(b"% system_ID 49\n") :]
+    direct = Events.concatenate(list(open_recording(path, disorder="sort")))
+    words = np.frombuffer(body, "<u2")
+    cuts = np.sort(np.random.default_rng(0).integers(1, words.size, 1500))
+    # The first word of this file tells the high part of the time, the low one comes soon after.
+    place = np.arange(words.size)
+    latest = [np.maximum.accumulate(np.where(words >> 12 == code, place, 0)) for code in (8, 6)]
+    high, low = (words[at].astype(np.int64) & 0xFFF for at in latest)
+    ends = np.append(cuts, words.size) - 1
+    sensor = high[ends] << 12 | low[ends]
+    back = np.concatenate([[0], np.diff(sensor)]) < 0
+    assert back.sum() == 1  # the clock turns once within this file
+    sensor = sensor + TURN * np.cumsum(back)
+    packets = [
+        (START + int(t) + 300, k, "evt3", part, {"width": 1280, "height": 720})
+        for k, (part, t) in enumerate(zip(np.split(words, cuts), sensor, strict=True))
+    ]
+    recording = open_recording(record(tmp_path, packets, "ros1"), disorder="sort")
+    packed = Events.concatenate(list(recording))
+    assert recording.losses == {}
+    for name in "xyp":
+        np.testing.assert_array_equal(getattr(packed, name), getattr(direct, name))
+    shift = packed.t + recording.origin_us - direct.t
+    assert shift.max() - shift.min() <= 1
+    assert recording.origin_us + packed.t[0] - START - 300 <= sensor[0]

@@ -44,6 +44,7 @@ HARMLESS = 1 << 30
 MAX_CHUNK = 1 << 29
 """A chunk [bytes] is unpacked as a whole, so larger ones are refused."""
 
+_TOLD = ("width", "height", "geometry", "time_unit", "version", "origin_us", "count")
 _ROWS = 1 << 19
 _CACHE = 1 << 26
 
@@ -69,7 +70,7 @@ def open(path: Path, options: Options) -> Source:
         stream, notes = _chosen(path, streams, options)
         columns, attributes = _columns(file, stream), _attributes(file, stream)
         rows = _rows(columns, stream)
-        if stream.format == "evcalib" and int(attributes.get("count", rows)) != rows:
+        if stream.format == "evcalib" and _integer(attributes.get("count", rows)) != rows:
             raise InputError(f"{path} holds {rows} events, but says {attributes['count']}")
         _check_sizes(path, columns)
         _check_filters(columns)
@@ -239,21 +240,21 @@ def _with_plugin(code: int) -> bool:
 
 
 def _attributes(file: h5py.File, stream: _Stream) -> dict[str, Any]:
-    """Return the attributes of the file, of the groups above the events, and of the events."""
-    found = dict(file.attrs)
+    """Return what is said of the events by the file, the groups above them, and themselves."""
+    found: dict[str, Any] = {}
     parts = stream.name.split("/") if stream.name else []
-    for k in range(1, len(parts) + 1):
-        found.update(file["/".join(parts[:k])].attrs)
-    if stream.format == "evcalib" and int(found.get("version", 0)) > VERSION:
-        raise InputError(
-            f"the layout is of version {found['version']}, this evcalib reads up to {VERSION}"
-        )
+    for k in range(len(parts) + 1):
+        attributes = file["/".join(parts[:k]) or "/"].attrs
+        found.update({name: attributes[name] for name in _TOLD if name in attributes})
+    version = _integer(found.get("version", 0)) if stream.format == "evcalib" else 0
+    if version > VERSION:
+        raise InputError(f"the layout is of version {version}, this evcalib reads up to {VERSION}")
     return found
 
 
 def _declared_size(attributes: dict[str, Any]) -> Size | None:
     if "width" in attributes and "height" in attributes:
-        return int(attributes["width"]), int(attributes["height"])
+        return _integer(attributes["width"]), _integer(attributes["height"])
     width, _, height = _text(attributes.get("geometry", "")).partition("x")
     if width.isdigit() and height.isdigit():
         return int(width), int(height)
@@ -277,12 +278,16 @@ def _unit(
 def _shift(file: h5py.File, stream: _Stream, attributes: dict[str, Any]) -> int:
     """Return what to add to all times [us]: DSEC's t_offset, or the origin that we subtracted."""
     if stream.format == "evcalib":
-        return int(attributes.get("origin_us", 0))
+        return _integer(attributes.get("origin_us", 0))
     group = stream.name.rpartition("/")[0]
     for name in (f"{stream.name}/t_offset", f"{group}/t_offset"):
         if stream.format == "dsec" and name in file and file[name].shape in ((), (1,)):
-            return int(np.ravel(file[name][()])[0])
+            return _integer(file[name][()])
     return 0
+
+
+def _integer(value: Any) -> int:
+    return int(np.ravel(value)[0])
 
 
 def _text(value: Any) -> str:
