@@ -136,7 +136,7 @@ def _entry(name: str, value: Any, radius: Any, defaults: dict[str, str]) -> Entr
             f"{name} has no {', '.join(map(str, extra))}; it has column, unit, radius, scale"
         )
     unit = content.get("unit", defaults.get(kind, _OURS.get(kind, "rad/s")))
-    if unit not in _KINDS[kind]:
+    if not isinstance(unit, str) or unit not in _KINDS[kind]:
         raise InputError(f"{name} ({kind}) is in one of {', '.join(_KINDS[kind])}, not {unit!r}")
     factor = _KINDS[kind][unit] * _number(content.get("scale", 1.0), f"scale of {name}")
     if kind == "wheel speed" and unit in _RATE:
@@ -166,7 +166,7 @@ def _kind(name: Any) -> str:
 
 
 def _number(value: Any, name: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < 1e9:
         raise InputError(f"{name} must be a finite number, not {value!r}")
     if value == 0:
         raise InputError(f"{name} must not be 0")
@@ -178,9 +178,11 @@ def _load(path: str | Path) -> Mapping[str, Any]:
         content = yaml.safe_load(Path(path).read_text(encoding="utf-8-sig"))
     except OSError as error:
         raise InputError(f"cannot read {path}: {error.strerror or error}") from None
-    except (UnicodeDecodeError, yaml.YAMLError, ValueError, RecursionError) as error:
+    except (yaml.YAMLError, ValueError, LookupError, TypeError, AttributeError) as error:
         why = str(error).splitlines() or [type(error).__name__]
         raise InputError(f"column map {path} is not YAML: {why[0]}") from None
+    except RecursionError:
+        raise InputError(f"column map {path} is nested too deeply") from None
     if not isinstance(content, dict):
         raise InputError(f"column map {path} must hold lines like `speed_fl: COLUMN`")
     return content

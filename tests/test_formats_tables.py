@@ -1,5 +1,6 @@
 """Events in NumPy archives and in CSV: exact, in pieces, and refused with reasons."""
 
+import contextlib
 import gzip
 import io
 import zipfile
@@ -164,3 +165,17 @@ def test_a_cut_gzip_is_refused(csv):
     csv.write_bytes(data[: len(data) - 100])
     with pytest.raises(InputError, match="is damaged or cut off"):
         read(csv, size=(640, 480))
+
+
+@settings(deadline=None, max_examples=120)
+@given(
+    st.one_of(
+        st.binary(max_size=60), st.text(alphabet="0123.-e,;\n#xytp ", max_size=60).map(str.encode)
+    )
+)
+def test_any_bytes_below_a_header_are_events_or_a_clear_refusal(tmp_path_factory, content):
+    path = tmp_path_factory.getbasetemp() / "any_bytes.csv"
+    for head in (b"x,y,t,p\n", b"p,t,y,x\n1,0.5,2,3\n"):
+        path.write_bytes(head + content)
+        with contextlib.suppress(InputError):
+            assert all(len(piece) for piece in open_recording(path, size=(640, 480)))

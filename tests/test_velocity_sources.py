@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 import yaml
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from data_tools.column_maps import column_map
 from data_tools.vehicles import write_vehicle
@@ -118,6 +120,7 @@ def test_mapped_velocities_and_the_yaw_limit(csv):
         ({"steer_a": {"column": "a", "unit": "m/s"}}, "steer_a (angle) is in one of rad, deg"),
         ({"vx": {"column": "a", "unit": "rad/s"}}, "vx (velocity) is in one of m/s"),
         ({"t": {"column": "a", "units": "s"}}, "t has no units; it has column, unit, radius, sc"),
+        ({"t": {"column": "a", "unit": ["s"]}}, "t (time) is in one of s, ms, us, ns, not ['s']"),
         ({"vx": {"column": "a", "scale": "two"}}, "scale of vx must be a finite number"),
         ({"vx": {"column": "a", "scale": 0}}, "scale of vx must not be 0"),
         ({"speed_a": {"column": "a", "unit": "rpm", "radius": -1}}, "must be a positive number"),
@@ -168,3 +171,31 @@ def test_a_missing_column_or_file_is_named(csv):
         read_body_velocities(csv, vehicle=TWO, columns=fewer)
     with pytest.raises(InputError, match="is no bag: it has no topic /odom"):
         read_body_velocities(csv, topic="/odom")
+
+
+WORDS = st.recursive(
+    st.none() | st.booleans() | st.floats() | st.integers() | st.sampled_from(["a", "ms", "rad/s"]),
+    lambda inner: (
+        st.lists(inner, max_size=2)
+        | st.dictionaries(st.sampled_from(["column", "unit", "scale", "radius", "t"]), inner)
+    ),
+    max_leaves=6,
+)
+
+
+@settings(deadline=None, max_examples=150)
+@given(
+    st.dictionaries(
+        st.sampled_from(["t", "speed_a", "steer_b", "yaw_rate", "wheel_radius"]) | st.integers(),
+        WORDS,
+    )
+)
+def test_any_map_is_used_or_refused(tmp_path_factory, content):
+    path = tmp_path_factory.getbasetemp() / "any_map.yaml"
+    path.write_text(yaml.safe_dump(content))
+    for columns in (content, path):
+        try:
+            entries = column_map(columns)
+        except InputError:
+            continue
+        assert all(np.isfinite(e.factor) and isinstance(e.column, str) for e in entries.values())
