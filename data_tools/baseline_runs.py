@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,7 @@ from data_tools.motion import dead_reckon
 from evcalib.baselines import METHODS, TRAJECTORY_METHODS, RivalInput, calibrate_with
 from evcalib.errors import EvcalibError, InputError
 from evcalib.geometry import matrix_to_rpy, rotation_angle
-from evcalib.poses import PoseSeries
+from evcalib.poses import GAP, PoseSeries
 from evcalib.results import Calibration
 from evcalib.series import HeadingSeries, VelocitySeries
 from evcalib.verdict import MAX_TURNING
@@ -45,17 +45,34 @@ class BaselineRow:
 
 
 def body_poses(velocities: VelocitySeries) -> PoseSeries:
-    """Return the body's trajectory by dead reckoning (paper Eq. 13), turned by the yaw rate."""
-    yaw = np.zeros(len(velocities))
-    if velocities.yaw_rate is not None:
-        rate = velocities.yaw_rate
-        yaw[1:] = np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(velocities.t))
+    """Return the body's trajectory by dead reckoning (paper Eq. 13), turned by the yaw rate.
+
+    A gap counts as one usual step: nobody knows how far the body went in it.
+    """
+    closed = VelocitySeries(
+        _without_gaps(velocities.t), velocities.v, velocities.yaw_rate, velocities.frame
+    )
+    yaw = np.zeros(len(closed))
+    if closed.yaw_rate is not None:
+        rate = closed.yaw_rate
+        yaw[1:] = np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(closed.t))
     turn = Rotation.from_rotvec(np.outer(yaw, [0.0, 0.0, 1.0])).as_matrix()
-    return PoseSeries(velocities.t, dead_reckon(velocities), turn)
+    return PoseSeries(velocities.t, dead_reckon(closed), turn)
+
+
+def _without_gaps(t: Floats) -> Floats:
+    """Return times [s] with every gap (more than five usual steps) shortened to a usual step."""
+    step = np.diff(t)
+    usual = float(np.median(step))
+    return np.concatenate([[0.0], np.cumsum(np.where(step > GAP * usual, usual, step))])
 
 
 def reckoned_poses(
-    headings: HeadingSeries, velocities: VelocitySeries, speed: Floats | None = None
+    headings: HeadingSeries,
+    velocities: VelocitySeries,
+    speed: Floats | None = None,
+    *,
+    hold: float = 0.0,
 ) -> RivalInput:
     """Return the streams with trajectories by dead reckoning, for a body that does not turn.
 
@@ -67,6 +84,8 @@ def reckoned_poses(
         Velocities of the body.
     speed : ndarray, shape (n,), optional
         Speed of the camera at each heading, in any unit; constant if not given.
+    hold : float
+        See :class:`evcalib.baselines.RivalInput`.
 
     Raises
     ------
@@ -83,8 +102,9 @@ def reckoned_poses(
     speed = np.ones(len(headings)) if speed is None else np.asarray(speed, dtype=np.float64)
     v = headings.v[usable] * speed[usable, None]
     t = headings.t[usable]
-    camera = PoseSeries(t, dead_reckon(VelocitySeries(t, v, frame=headings.frame)))
-    return RivalInput(headings, velocities, camera, body_poses(velocities))
+    closed = VelocitySeries(_without_gaps(t), v, frame=headings.frame)
+    camera = PoseSeries(t, dead_reckon(closed))
+    return RivalInput(headings, velocities, camera, body_poses(velocities), hold)
 
 
 def run_baselines(
@@ -94,6 +114,7 @@ def run_baselines(
     trajectory: PoseSeries | None = None,
     methods: Sequence[str] = tuple(METHODS),
     max_offset: float = 1.0,
+    hold: float = 0.0,
     seed: int = 0,
 ) -> list[BaselineRow]:
     """Run methods on the same streams; one that fails leaves its reason, and the others run.
@@ -107,8 +128,8 @@ def run_baselines(
         trajectories; reckoned from the headings at constant speed if not given.
     methods : sequence of str
         Keys of :data:`evcalib.baselines.METHODS`.
-    max_offset, seed
-        See :func:`evcalib.baselines.calibrate_with`.
+    max_offset, hold, seed
+        See :func:`evcalib.baselines.calibrate_with` and :class:`evcalib.baselines.RivalInput`.
 
     Raises
     ------
@@ -122,11 +143,13 @@ def run_baselines(
     for name in methods:
         start = time.perf_counter()
         try:
-            streams = RivalInput(headings, velocities)
+            streams = RivalInput(headings, velocities, hold=hold)
             if name in TRAJECTORY_METHODS and trajectory is None:
-                streams = reckoned_poses(headings, velocities)
+                streams = reckoned_poses(headings, velocities, hold=hold)
             elif name in TRAJECTORY_METHODS:
-                streams = RivalInput(headings, velocities, trajectory, body_poses(velocities))
+                streams = replace(
+                    streams, camera_poses=trajectory, body_poses=body_poses(velocities)
+                )
             found = calibrate_with(name, streams, max_offset=max_offset, seed=seed)
         except EvcalibError as error:
             rows.append(BaselineRow(name, None, time.perf_counter() - start, str(error)))

@@ -232,6 +232,13 @@ def test_the_camera_is_reckoned_at_its_speed():
     np.testing.assert_allclose(speeding.position[:, 2], [0, 1, 3, 6])
 
 
+def test_nothing_is_reckoned_across_a_gap():
+    t = np.array([0.0, 1, 2, 3, 50, 51, 52])
+    poses = body_poses(VelocitySeries(t, np.tile([1.0, 0, 0], (7, 1))))
+    np.testing.assert_allclose(poses.position[:, 0], [0, 1, 2, 3, 4, 5, 6])
+    np.testing.assert_array_equal(poses.t, t)
+
+
 def test_headings_do_not_tell_how_a_camera_turned():
     t = np.arange(5.0)
     headings = HeadingSeries(t, np.tile([0, 0, 1.0], (5, 1)))

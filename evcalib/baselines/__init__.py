@@ -47,7 +47,9 @@ __all__ = [
 ]
 
 METHODS: dict[str, Callable[[RivalInput, float, int], Calibration]] = {
-    "ours": lambda s, reach, seed: align(s.headings, s.velocities, max_offset=reach, seed=seed),
+    "ours": lambda s, reach, seed: align(
+        s.headings, s.velocities, max_offset=reach, hold=s.hold, seed=seed
+    ),
     "vc": lambda s, reach, _: velocity_correlation.vc(s, max_offset=reach),
     "vc_wota": lambda s, *_: velocity_correlation.vc_wota(s),
     "authors": lambda s, *_: released.authors(s),

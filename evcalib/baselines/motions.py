@@ -53,7 +53,8 @@ def associate(
         raise InputError(
             f"trajectories: the camera's ({camera.t[0]:.3f} to {camera.t[-1]:.3f} s) and the"
             f" body's ({body.t[0]:.3f} to {body.t[-1]:.3f} s) share {t.size} pose(s) at offsets of"
-            f" {low:g} to {high:g} s, and {MIN_POSES} are needed; check the clocks"
+            f" {low:g} to {high:g} s, and {MIN_POSES} are needed; check the clocks,"
+            " or search less far"
         )
     return t[np.unique(np.linspace(0, t.size - 1, min(keyframes, t.size)).round().astype(int))]
 

@@ -37,12 +37,15 @@ class RivalInput:
         Trajectory of the camera, on the camera clock, in any world and (monocular) any scale.
     body_poses : PoseSeries, optional
         Trajectory of the body [m], on the odometry clock, in any world.
+    hold : float
+        See :func:`evcalib.track.velocity_track`.
     """
 
     headings: HeadingSeries
     velocities: VelocitySeries
     camera_poses: PoseSeries | None = None
     body_poses: PoseSeries | None = None
+    hold: float = 0.0
 
     def usable_headings(self) -> HeadingSeries:
         """Return the headings to use, or raise an InputError if they are too few."""
@@ -128,7 +131,7 @@ class CertifiedCalibration(TrajectoryCalibration):
 
 def track_of(streams: RivalInput) -> VelocityTrack:
     """Return the odometry as the rivals look it up: linear between samples, not smoothed."""
-    return velocity_track(streams.velocities, smooth=False)
+    return velocity_track(streams.velocities, hold=streams.hold, smooth=False)
 
 
 def paired(
@@ -174,6 +177,7 @@ def finish(
     angle = 2 * np.arcsin(np.sqrt(np.clip(u / 2, 0.0, 1.0)))
     begin, end = intervals(part)
     unknown = np.nan
+    yaw_rate = streams.velocities.yaw_rate
     diagnostics = Diagnostics(
         heading_rate_z=heading_rate_test(
             track, float(begin.min()) + offset, float(end.max()) + offset
@@ -188,7 +192,7 @@ def finish(
         offset_matters=unknown,
         offset_sensitivity=unknown,
         agrees=False,
-        body_turns=0.0,
+        body_turns=0.0 if yaw_rate is None else float(np.sqrt(np.mean(yaw_rate**2))),
         at_edge=curve is not None and curve.at_edge,
         sharp_turns=False,
     )
