@@ -62,6 +62,8 @@ def body_poses(velocities: VelocitySeries) -> PoseSeries:
 
 def _without_gaps(t: Floats) -> Floats:
     """Return times [s] with every gap (more than five usual steps) shortened to a usual step."""
+    if t.size < 2:
+        return np.zeros(t.size)
     step = np.diff(t)
     usual = float(np.median(step))
     return np.concatenate([[0.0], np.cumsum(np.where(step > GAP * usual, usual, step))])

@@ -232,6 +232,13 @@ def test_the_camera_is_reckoned_at_its_speed():
     np.testing.assert_allclose(speeding.position[:, 2], [0, 1, 3, 6])
 
 
+@pytest.mark.parametrize("rows", [1, 2])
+def test_too_short_a_drive_gives_no_trajectory(rows):
+    velocities = VelocitySeries(np.arange(float(rows)), np.tile([1.0, 0, 0], (rows, 1)))
+    with pytest.raises(InputError, match="at least 3 are needed"):
+        body_poses(velocities)
+
+
 def test_nothing_is_reckoned_across_a_gap():
     t = np.array([0.0, 1, 2, 3, 50, 51, 52])
     poses = body_poses(VelocitySeries(t, np.tile([1.0, 0, 0], (7, 1))))
