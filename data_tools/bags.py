@@ -1,7 +1,7 @@
 """ROS 1 and ROS 2 bags without ROS: topics, raw messages, and what is left of a cut-off bag.
 
-The reading is done by the library ``rosbags`` (extra ``formats``).  A ROS 1 bag without an index,
-as a recorder leaves it that was cut off, is read as far as its last whole record.
+The reading is done by the library ``rosbags`` (extra ``formats``).  A ROS 1 bag or an MCAP file
+without an index, as a recorder leaves it that was cut off, is read as far as its last whole record.
 """
 
 from __future__ import annotations
@@ -11,13 +11,16 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
-from data_tools import _bag_salvage as salvage
+from data_tools import _bag_salvage, _mcap_salvage
 from evcalib.errors import InputError
 
 MAGIC = {b"#ROSBAG V2.0\n": ".bag", b"\x89MCAP0\r\n": ".mcap", b"SQLite format 3\x00": ".db3"}
 """First bytes of the three kinds of files, and the suffix that each must have."""
+
+_SALVAGE = {".bag": _bag_salvage, ".mcap": _mcap_salvage}
 
 _EVENT = "uint16 x\nuint16 y\nbuiltin_interfaces/Time ts\nbool polarity\n"
 _ARRAY = "std_msgs/Header header\nuint32 height\nuint32 width\nEvent[] events\n"
@@ -149,9 +152,10 @@ def open_bag(path: str | Path) -> Iterator[Bag]:
     except ImportError:
         raise InputError('bags need the package rosbags: pip install "evcalib[formats]"') from None
     suffix = _suffix(path)
-    if suffix == ".bag" and salvage.is_unindexed(path):
+    salvage = _SALVAGE.get(suffix)
+    if salvage is not None and salvage.is_unindexed(path):
         with _errors(path):
-            bag = _salvaged(path)
+            bag = _salvaged(path, salvage, 1 if suffix == ".bag" else 2)
         yield bag
         return
     with _errors(path):
@@ -182,18 +186,18 @@ def _topics(connections: list[Any]) -> tuple[Topic, ...]:
     return tuple(Topic(*key, count) for key, count in counts.items())
 
 
-def _salvaged(path: Path) -> Bag:
+def _salvaged(path: Path, salvage: ModuleType, ros: int) -> Bag:
     found = {(c.topic, c.type): c for c in salvage.connections(path)}
     if not found:
         raise InputError(f"{path} is cut off before its first messages; record it again")
     losses: Counter[str] = Counter()
     return Bag(
         path,
-        1,
+        ros,
         tuple(Topic(*key) for key in found),
         losses,
         lambda name: salvage.messages(path, name, losses),
-        {connection.type: connection.definition for connection in found.values()},
+        {c.type: c.definition or None for c in found.values()},
     )
 
 
@@ -241,5 +245,5 @@ def _errors(path: Path) -> Iterator[None]:
         why = str(error) or type(error).__name__
         raise InputError(
             f"{path} is damaged or cut off: {why}; `rosbag reindex` (ROS 1), `mcap recover` or"
-            " sqlite's .recover (ROS 2) may save a part"
+            " sqlite3's .recover (ROS 2) may save a part"
         ) from None

@@ -8,7 +8,7 @@ import pytest
 rosbags = pytest.importorskip("rosbags.typesys", reason="needs the extra formats")
 
 from rosbags.rosbag1 import Writer as Writer1  # noqa: E402
-from rosbags.rosbag2 import StoragePlugin  # noqa: E402
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin  # noqa: E402
 from rosbags.rosbag2 import Writer as Writer2  # noqa: E402
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore  # noqa: E402
 
@@ -131,7 +131,10 @@ class Maker:
                 writer.set_compression(Writer1.CompressionFormat[form])
             writer.chunk_threshold = chunk or writer.chunk_threshold
         else:
-            writer = Writer2(path, version=9, storage_plugin=StoragePlugin[self.kind.upper()])
+            storage, *packed = self.kind.split("-")
+            writer = Writer2(path, version=9, storage_plugin=StoragePlugin[storage.upper()])
+            if packed:
+                writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
         write = self.store.serialize_ros1 if ros1 else self.store.serialize_cdr
         with writer:
             for topic, rows in topics:
@@ -139,4 +142,6 @@ class Maker:
                 connection = writer.add_connection(topic, type, typestore=self.store)
                 for t, message in rows:
                     writer.write(connection, int(t), write(message, type))
+                    if chunk and "mcap" in self.kind and writer.storage.chunk.bio.tell() > chunk:
+                        writer.storage.close_chunk()
         return path
