@@ -149,8 +149,13 @@ def test_what_cannot_be_read_is_refused(tmp_path):
         open_recording(record(tmp_path, [packet]))
     (tmp_path / "mixed").mkdir()
     mixed = [(START, 1, "evt3", evt3(5, [(1, 1, 1)]), {}), (START, 2, "mono", mono(0, []), {})]
-    with pytest.raises(InputError, match=r"packet 1 of .* as 'mono', the first as 'evt3'"):
+    with pytest.raises(InputError, match=r"packet 1 is encoded as 'mono', the first as"):
         open_recording(record(tmp_path / "mixed", mixed))
+    (tmp_path / "later").mkdir()
+    empty = {"time_base": 1000 * START}
+    later = [(START, 1, "libcaer", mono(0, []), empty), (START, 2, "mono", mono(0, []), {})]
+    with pytest.raises(InputError, match=r"packet 1 is encoded as 'mono', the first as 'libcaer'"):
+        open_recording(record(tmp_path / "later", later))
     (tmp_path / "jump").mkdir()
     jump = [
         (START + 1000 * k + (k > 60) * 2_000_000, k, "evt3", evt3(1000 * k, [(1, 1, 1)]), {})

@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,6 +76,7 @@ def _open_packets(bag: Bag, topic: Topic, options: Options) -> Source:
         following: int | None = None
         for number, raw in enumerate(bag.messages(topic)):
             message = bag.decode(topic, raw)
+            _check_encoding(message, encoding, number)
             if following is not None and message.seq > following:
                 losses["packets missing by their numbers"] += int(message.seq) - following
             following = int(message.seq) + 1
@@ -123,7 +125,12 @@ def _surveyed(
     Remembered for as long as the files do not change, since it reads the whole bag.
     """
     with open_bag(path) as bag:
-        return _survey(bag, topic)
+        try:
+            return _survey(bag, topic)
+        except InputError as error:
+            if str(path) in str(error):
+                raise
+            raise InputError(f"{path}, topic {topic.name}: {error}") from None
 
 
 def _survey(bag: Bag, topic: Topic) -> tuple[Size, str, _Clock | None]:
@@ -136,19 +143,22 @@ def _survey(bag: Bag, topic: Topic) -> tuple[Size, str, _Clock | None]:
         message = bag.decode(topic, raw)
         if size is None:
             size, encoding = (int(message.width), int(message.height)), str(message.encoding)
-        if message.encoding != encoding:
-            raise InputError(
-                f"packet {number} of {topic.name} is encoded as {message.encoding!r}, the first as"
-                f" {encoding!r}"
-            )
+        _check_encoding(message, encoding, number)
         if encoding not in _packets.SENSOR_CLOCK:
             break
         time, high = _packets.camera_time_us(message, high)
         stamps.append(_packets.stamp_us(message))
         times.append(_NO_CAMERA_TIME if time is None else time)
     if size is None:
-        raise InputError(f"{bag.path}: the topic {topic.name} holds no messages")
+        raise InputError("there are no messages")
     return size, encoding, _clock(times, stamps, encoding) if stamps else None
+
+
+def _check_encoding(message: Any, encoding: str, number: int) -> None:
+    if message.encoding != encoding:
+        raise InputError(
+            f"packet {number} is encoded as {message.encoding!r}, the first as {encoding!r}"
+        )
 
 
 def _clock(times: list[int], stamps: list[int], encoding: str) -> _Clock:
