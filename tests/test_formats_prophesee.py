@@ -117,6 +117,13 @@ def test_loops_of_the_24_bit_clock_are_undone_and_small_steps_back_kept():
     assert t.tolist() == [4094, 4095, 4096, 4095, 4096, 4097, 6145, 8191, 8192]
 
 
+def test_loops_of_the_34_bit_clock_are_undone_and_small_steps_back_kept():
+    last = (1 << 28) - 1
+    words = [w for high in (last, 0, last, 0, 1 << 27) for w in (0x8 << 28 | high, 0)]
+    t = Evt2Decoder().decode(struct.pack(f"<{len(words)}I", *words)).t // 64
+    assert t.tolist() == [last, last + 1, last, last + 1, last + 1 + (1 << 27)]
+
+
 EVENTS = st.lists(
     st.tuples(
         st.one_of(st.integers(0, 3), st.integers(0, 30_000), st.integers(0, 40_000_000)),
@@ -130,7 +137,8 @@ EVENTS = st.lists(
 
 
 def with_times(steps, start):
-    t = start + np.cumsum([step[0] for step in steps])
+    """Return events whose first is at `start`: a clock's loops before it cannot be told."""
+    t = start + np.cumsum([0, *(step[0] for step in steps[1:])])
     return [(int(at), *step[1:]) for at, step in zip(t, steps, strict=True)]
 
 
@@ -193,6 +201,11 @@ def test_dat_clock_loops_after_71_minutes(write):
     steps = [(t, 0, 0, 0) for t in range(2**32, 2**33, 2**30)]
     path = write(WRITERS["dat"]([*events[:2], *steps, events[2]]))
     assert read(path)[1] == [*events[:2], *steps, events[2]]
+    path = write(WRITERS["dat"]([events[1], events[0], events[1]]))  # a step back over the loop
+    with pytest.raises(InputError, match="is 1 us late"):
+        read(path)
+    back = write(WRITERS["dat"]([events[0], events[1], events[0], events[1]]))
+    assert [event[0] - 2**32 for event in read(back, disorder="sort")[1]] == [-1, -1, 0, 0]
 
 
 @pytest.mark.parametrize(
@@ -311,6 +324,8 @@ def test_words_without_a_header_are_read_when_named(write):
         (b"% evt 3.0\n% geometry 64000x48000\n", "size as '64000x48000'"),
         (b"% evt 3.0\n% geometry 0x48\n", "size as '0x48'"),
         (b"% evt 3.0\n% geometry 64x48\n% endianness big\n", "big-endian"),
+        (b"% evt 3.0\n% geometry 64x48\n% serial\xff_number 1\n", "damaged header: b'% serial"),
+        (b"% evt 3.0\n% geometry 64x48\n$ serial_number 1\n", "damaged header: b'. serial"),
         (b"% Data file containing CD events\n% Version 1\n", "version 1"),
         (b"% Version 2\n% Width 64\n% Height 48\n\x0e\x08", "external triggers"),
         (b"% Version 2\n% Width 64\n% Height 48\n\x0c\x09", "type 0x0c and 9 bytes"),
