@@ -1,7 +1,7 @@
 """Messages that list their events one by one: ``dvs_msgs`` and ``prophesee_event_msgs``.
 
 Both define ``header, height, width, events`` with ``x, y`` (uint16), ``ts`` (time), ``polarity``
-(bool) for each event.  Built as Python objects, a million events would take ten seconds; as
+(bool) for each event.  Built as Python objects, a million events take two to three seconds; as
 arrays over the serialised bytes they take milliseconds.  The layouts are those of ROS 1 (packed)
 and of CDR (ROS 2: fields aligned to their size, counted from the end of the 4-byte preamble).
 """
