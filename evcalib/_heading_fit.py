@@ -8,11 +8,13 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from evcalib._event_image import align
 from evcalib._keyframes import Keyframe
 from evcalib.epipolar import Translation, five_point, turn_explains, two_point
 from evcalib.features import match
 
 Floats = NDArray[np.float64]
+Rows = NDArray[np.int64]
 
 TOO_FEW = "too few corners"
 STILL = "standing still, or too little motion"
@@ -105,21 +107,77 @@ class Matches:
         return 2 * (self.pair // MAX_STEPS) + self.span
 
 
-def match_keyframes(before: Keyframe, after: Keyframe, reach: float) -> Matches | None:
-    """Match two keyframes; None without matches."""
+def match_keyframes(
+    before: Keyframe, after: Keyframe, reach: float, *, aligned: bool = True
+) -> Matches | None:
+    """Match two keyframes; None without matches.
+
+    Parameters
+    ----------
+    before, after : Keyframe
+        The two.
+    reach : float
+        Largest displacement [px].
+    aligned : bool
+        Measure the displacements between their event images, all at the times of these;
+        otherwise take keypoints and their times as they are.
+    """
     i, j = match(before.keypoints, after.keypoints, reach=reach).T
     if not i.size:
         return None
+    if aligned:
+        return _aligned(before, after, i, j)
+    return _collected(
+        before,
+        after,
+        (before.keypoints.xy[i], after.keypoints.xy[j]),
+        (before.bearings[i], after.bearings[j]),
+        (before.keypoints.t[i], after.keypoints.t[j]),
+    )
+
+
+def _aligned(before: Keyframe, after: Keyframe, i: Rows, j: Rows) -> Matches | None:
+    """Measure matches of keypoints on the event images; None if none can be."""
+    first, second = before.image, after.image
+    if first is None or second is None or first.end > second.start:
+        return None
     xy1, xy2 = before.keypoints.xy[i], after.keypoints.xy[j]
-    columns, rows = ((xy1 + xy2) / (2 * CELL_PX)).astype(np.int64).T
+    speed = (xy2 - xy1) / (after.keypoints.t[j] - before.keypoints.t[i])[:, None]
+    start = np.rint(xy1)
+    found = align(first, second, start, start + speed * (second.t - first.t))
+    found = found[np.isfinite(found[:, 0])]
+    places = found[:, :2], found[:, 2:]
+    bearings = before.table(places[0]), after.table(places[1])
+    seen = np.isfinite(bearings[0][:, 0]) & np.isfinite(bearings[1][:, 0])
+    if not seen.any():
+        return None
+    return _collected(
+        before,
+        after,
+        (places[0][seen], places[1][seen]),
+        (bearings[0][seen], bearings[1][seen]),
+        (np.full(seen.sum(), first.t), np.full(seen.sum(), second.t)),
+    )
+
+
+def _collected(
+    before: Keyframe,
+    after: Keyframe,
+    xy: tuple[Floats, Floats],
+    bearings: tuple[Floats, Floats],
+    t: tuple[Floats, Floats],
+) -> Matches:
+    """Return matches of two keyframes, numbered by pair and cell."""
+    columns, rows = ((xy[0] + xy[1]) / (2 * CELL_PX)).astype(np.int64).T
+    pair = before.number * MAX_STEPS + after.number - before.number
     return Matches(
-        r1=before.bearings[i],
-        r2=after.bearings[j],
-        xy1=xy1,
-        xy2=xy2,
-        t1=before.keypoints.t[i],
-        t2=after.keypoints.t[j],
-        pair=np.full(i.size, before.number * MAX_STEPS + after.number - before.number),
+        r1=bearings[0],
+        r2=bearings[1],
+        xy1=xy[0],
+        xy2=xy[1],
+        t1=t[0],
+        t2=t[1],
+        pair=np.full(len(rows), pair),
         cell=rows * (before.width // CELL_PX + 1) + columns,
     )
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from evcalib._event_image import LAST, EventImage, EventImager
 from evcalib.camera import Camera
 from evcalib.corners import DETECTORS
 from evcalib.errors import InputError
@@ -24,6 +25,9 @@ REACH_PX = 4
 
 SHORTEST, LONGEST = 0.03, 0.12
 """Bounds of the time over which corner events are gathered [s]."""
+
+LOCALISATIONS: dict[str, float | None] = {"symmetric": LAST, "images": 1.0, "corners": None}
+"""Where matches are measured, and the weight of last events in event images if on these."""
 
 GRID_PX = 2
 """Bearings are bilinear between pixels this far apart, which costs less than 0.01 px."""
@@ -76,6 +80,11 @@ class Keyframe:
         Width of the sensor [px].
     surface : ndarray, shape (height, width)
         What the keypoints are described on.
+    image : EventImage or None
+        What displacements are measured on; None where the corners themselves are taken, or the
+        stream is too young.
+    table : BearingTable
+        Bearings of any pixel.
     """
 
     number: int
@@ -86,6 +95,8 @@ class Keyframe:
     flow: float
     width: int
     surface: NDArray
+    image: EventImage | None
+    table: BearingTable
 
 
 class BearingTable:
@@ -109,7 +120,15 @@ class BearingTable:
 class KeyframeMaker:
     """Makes a keyframe at every multiple of the step that the stream passes."""
 
-    def __init__(self, camera: Camera, detector: str, surface: str, rate: float, seed: int) -> None:
+    def __init__(
+        self,
+        camera: Camera,
+        detector: str,
+        surface: str,
+        rate: float,
+        seed: int,
+        localisation: str = "symmetric",
+    ) -> None:
         width, height = camera.width, camera.height
         self.counts = Counts()
         self.step = round(1e6 / rate) * 1e-6
@@ -121,6 +140,8 @@ class KeyframeMaker:
         self._finder = KeypointFinder(
             width, height, reach=REACH_PX, pattern=brief_pattern(seed=seed)
         )
+        last = LOCALISATIONS[localisation]
+        self._imager = None if last is None else EventImager(width, height, last=last)
         self._corners: deque[Events] = deque()
         self._recent: deque[Keyframe] = deque(maxlen=3)
         self._flows: deque[float] = deque(maxlen=5)
@@ -161,6 +182,8 @@ class KeyframeMaker:
             return
         flags = self._detector.update(events)
         self._surface.update(events)
+        if self._imager is not None:
+            self._imager.update(events)
         corners = events[flags]
         if len(corners):
             self._corners.append(corners)
@@ -204,6 +227,8 @@ class KeyframeMaker:
             flow=flow,
             width=self._camera.width,
             surface=surface,
+            image=None if self._imager is None else self._imager.draw(t_us, flow),
+            table=self._bearings,
         )
         self._recent.append(keyframe)
         self._measure_flow()

@@ -21,7 +21,7 @@ from evcalib._heading_fit import (
     match_keyframes,
 )
 from evcalib._heading_result import Found, Gap, HeadingEstimate, collected
-from evcalib._keyframes import Counts, Keyframe, KeyframeMaker
+from evcalib._keyframes import LOCALISATIONS, Counts, Keyframe, KeyframeMaker
 from evcalib._recording import EventRate, RateCounter, Snapshot, SnapshotKeeper
 from evcalib.camera import Camera
 from evcalib.corners import DETECTORS
@@ -58,6 +58,7 @@ class HeadingEstimator:
         *,
         surface: str = "tos_ts",
         detector: str = "arc_star",
+        localisation: str = "symmetric",
         solver: str = "two_point",
         rate: float = 20.0,
         max_baseline: float = 0.7,
@@ -70,6 +71,7 @@ class HeadingEstimator:
     ) -> None:
         _check.one_of(surface, "surface", tuple(SURFACES))
         _check.one_of(detector, "detector", tuple(DETECTORS))
+        _check.one_of(localisation, "localisation", tuple(LOCALISATIONS))
         _check.one_of(solver, "solver", SOLVERS)
         rate = _check.positive(rate, "rate", "hertz")
         if not 0.1 <= rate <= 1000:
@@ -89,7 +91,8 @@ class HeadingEstimator:
             enough_sd=np.deg2rad(_check.positive(enough_sd, "enough_sd", "degrees")),
             seed=int(seed),
         )
-        self._maker = KeyframeMaker(camera, detector, surface, rate, seed)
+        self._maker = KeyframeMaker(camera, detector, surface, rate, seed, localisation)
+        self._aligned = LOCALISATIONS[localisation] is not None
         self._reach = REACH * camera.width
         self._steps = steps
         self._lag = steps // 2 + 1
@@ -190,7 +193,7 @@ class HeadingEstimator:
         if expected > self._reach:
             return None
         reach = min(self._reach, 3.0 * expected + 16.0)
-        return match_keyframes(before, after, reach)
+        return match_keyframes(before, after, reach, aligned=self._aligned)
 
 
 def estimate_headings(
@@ -199,6 +202,7 @@ def estimate_headings(
     *,
     surface: str = "tos_ts",
     detector: str = "arc_star",
+    localisation: str = "symmetric",
     solver: str = "two_point",
     rate: float = 20.0,
     max_baseline: float = 0.7,
@@ -227,6 +231,10 @@ def estimate_headings(
         Where keypoints are described, polarities merged.
     detector : {"arc_star", "harris"}
         Which events are corners: see `evcalib.corners`.
+    localisation : {"symmetric", "images", "corners"}
+        How the displacement of matched corners is measured.  By alignment of patches of two event
+        images, weighed so that lags of the events cancel (see `evcalib._event_image`); the same
+        without these weights; or between mean places of corner events, at their mean times.
     solver : {"two_point", "five_point"}
         A camera that does not turn, over all pairs; or the essential matrix of the one pair of
         most displacement, as in the paper.
@@ -274,6 +282,7 @@ def estimate_headings(
         camera,
         surface=surface,
         detector=detector,
+        localisation=localisation,
         solver=solver,
         rate=rate,
         max_baseline=max_baseline,
