@@ -181,4 +181,5 @@ def _default() -> Calibrate:
     from importlib import import_module
 
     function: Calibrate = import_module("data_tools.calibrate_files").calibrate_files
-    return function
+    # A run that was killed after its last file was written has no row: it is done again.
+    return partial(function, overwrite=True)

@@ -41,7 +41,7 @@ import zipfile
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, Protocol
 
 import h5py
 import numpy as np
@@ -49,7 +49,6 @@ from numpy.typing import NDArray
 
 from data_tools.formats.csv import MARK
 from data_tools.formats.hdf5 import LAYOUT, VERSION
-from data_tools.recordings import Recording
 from evcalib.errors import InputError
 from evcalib.events import Events
 
@@ -57,7 +56,30 @@ _CHUNK = 1 << 16
 _TYPES = {"x": np.uint16, "y": np.uint16, "t": np.int64, "p": np.uint8}
 
 
-def convert(recording: Recording, target: str | Path) -> int:
+class EventSource(Protocol):
+    """Events and what there is to say of them: a `Recording`, or anything like one."""
+
+    @property
+    def path(self) -> Path:
+        """Where they come from."""
+
+    @property
+    def width(self) -> int:
+        """Columns of the sensor [px]."""
+
+    @property
+    def height(self) -> int:
+        """Rows of the sensor [px]."""
+
+    @property
+    def origin_us(self) -> int:
+        """Subtracted from the original times [us]."""
+
+    def __iter__(self) -> Iterator[Events]:
+        """Yield pieces in order of time."""
+
+
+def convert(recording: EventSource, target: str | Path) -> int:
     """Write a recording to another file, in bounded memory.
 
     The file grows beside its final name, with ``.part`` added, and gets it when it is complete.
@@ -65,7 +87,7 @@ def convert(recording: Recording, target: str | Path) -> int:
     Parameters
     ----------
     recording : Recording
-        What `open_recording` returned.
+        What `open_recording` returned, or anything like it.
     target : path
         The file; its suffix says the format: ``.h5`` or ``.hdf5`` (our own layout), ``.npz``,
         ``.csv`` or ``.txt``, these two also with ``.gz``.  A file of that name is replaced.
@@ -101,7 +123,7 @@ def convert(recording: Recording, target: str | Path) -> int:
     return count
 
 
-def _writer(target: Path) -> Callable[[Recording, Path], int]:
+def _writer(target: Path) -> Callable[[EventSource, Path], int]:
     suffixes = [suffix.lower() for suffix in target.suffixes[-2:]]
     packed = suffixes[-1:] == [".gz"]
     suffix = "".join(suffixes[-2:-1] if packed else suffixes[-1:])
@@ -118,7 +140,7 @@ def _writer(target: Path) -> Callable[[Recording, Path], int]:
     )
 
 
-def _write_hdf5(recording: Recording, part: Path) -> int:
+def _write_hdf5(recording: EventSource, part: Path) -> int:
     with h5py.File(part, "w") as file:
         group = file.create_group("events")
         columns = {
@@ -148,7 +170,7 @@ def _write_hdf5(recording: Recording, part: Path) -> int:
     return count
 
 
-def _write_npz(recording: Recording, part: Path) -> int:
+def _write_npz(recording: EventSource, part: Path) -> int:
     """Write each column aside, then all of them into the archive: their length comes first."""
     with ExitStack() as stack:
         columns = {
@@ -182,14 +204,14 @@ def _write_header(member: IO[bytes], shape: tuple[int, ...], dtype: np.dtype) ->
     np.lib.format.write_array_header_1_0(member, head)
 
 
-def _absolute(values: NDArray[Any], name: str, recording: Recording) -> NDArray[Any]:
+def _absolute(values: NDArray[Any], name: str, recording: EventSource) -> NDArray[Any]:
     return values + recording.origin_us if name == "t" else values
 
 
-Lines = Callable[[Recording, Events], Iterator[str]]
+Lines = Callable[[EventSource, Events], Iterator[str]]
 
 
-def _write_lines(recording: Recording, part: Path, lines: Lines, packed: bool) -> int:
+def _write_lines(recording: EventSource, part: Path, lines: Lines, packed: bool) -> int:
     count = 0
     with _text_file(part, packed) as text:
         text.write(
@@ -210,17 +232,17 @@ def _text_file(part: Path, packed: bool) -> IO[str]:
     return part.open("w", encoding="ascii", newline="\n")
 
 
-def _csv_lines(recording: Recording, piece: Events) -> Iterator[str]:
+def _csv_lines(recording: EventSource, piece: Events) -> Iterator[str]:
     rows = zip(*_rows(recording, piece), strict=True)
     return (f"{t},{x},{y},{p}\n" for t, x, y, p in rows)
 
 
-def _txt_lines(recording: Recording, piece: Events) -> Iterator[str]:
+def _txt_lines(recording: EventSource, piece: Events) -> Iterator[str]:
     rows = zip(*_rows(recording, piece), strict=True)
     return (f"{t // 1_000_000}.{t % 1_000_000:06d} {x} {y} {p}\n" for t, x, y, p in rows)
 
 
-def _rows(recording: Recording, piece: Events) -> list[list[int]]:
+def _rows(recording: EventSource, piece: Events) -> list[list[int]]:
     t = piece.t + recording.origin_us
     if t[0] < 0:
         raise InputError("the original times are negative, which text cannot hold; convert to .h5")

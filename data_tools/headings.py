@@ -99,7 +99,7 @@ def headings_from_files(
     )
     started = time.perf_counter()
     estimate = estimate_headings(
-        _with_progress(iter(opened)), lens, surface=surface, solver=solver, rate=rate, seed=seed
+        with_progress(iter(opened)), lens, surface=surface, solver=solver, rate=rate, seed=seed
     )
     seconds = time.perf_counter() - started
     return RecordingHeadings(estimate, _summary(estimate, opened, seconds))
@@ -128,9 +128,9 @@ def _counted(reasons: list[tuple[str, int]]) -> str:
     return ", ".join(f"{count} x {reason}" for reason, count in reasons)
 
 
-def _with_progress(stream: Iterator[Events]) -> Iterator[Events]:
+def with_progress(stream: Iterator[Events], what: str = "reading") -> Iterator[Events]:
     """Pass pieces on, counting events on a terminal or in Jupyter only."""
-    with tqdm(unit=" events", unit_scale=True, disable=None, leave=False) as bar:
+    with tqdm(desc=what, unit=" events", unit_scale=True, disable=None, leave=False) as bar:
         for piece in stream:
             yield piece
             bar.update(len(piece))

@@ -39,6 +39,7 @@ __all__ = [
     "InputError",
     "VelocitySeries",
     "align",
+    "calibrate",
     "estimate_headings",
 ]
 
@@ -51,6 +52,7 @@ _HOMES = {
     "InputError": "errors",
     "VelocitySeries": "series",
     "align": "calibration",
+    "calibrate": "pipeline",
     "estimate_headings": "heading",
 }
 

@@ -297,7 +297,7 @@ def _answer(
     # Plausible offsets that are all far from the one that is used speak against it.
     fixed = fixed and _near(used, evidence.plausible)
     spread = direction_spread(solution.residuals.direction, track)
-    unknown = _unknown_axis(covariance, spread)
+    unknown = unknown_axis(covariance, spread)
     if not evidence.observable and given is None:
         # The change over the plausible offsets is a uniform error of its own.
         covariance = covariance + np.eye(3) * matters**2 / 9
@@ -312,7 +312,7 @@ def _near(offset: float, plausible: Floats) -> bool:
     return plausible.size == 0 or bool(np.abs(plausible - offset).min() <= 2 * STEP)
 
 
-def _unknown_axis(covariance: Floats, spread: DirectionSpread) -> Floats | None:
+def unknown_axis(covariance: Floats, spread: DirectionSpread) -> Floats | None:
     """Return the body axis about which the rotation is not determined, if there is one."""
     bias = HEADING_BIAS / max(spread.spread, 1e-9)
     along = float(spread.axis @ covariance @ spread.axis)

@@ -13,10 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evcalib import _check
-from evcalib.geometry import rotation_vector_to_matrix
-from evcalib.kernels import joint as kernel
+from evcalib._joint_fit import Problem, begin, covariance_of, follow, solve, step
 from evcalib.kernels import track as track_kernel
-from evcalib.offset import candidate_offsets
+from evcalib.offset import MIN_OVERLAP, OffsetCurve, candidate_offsets, second_peak_ratio
 from evcalib.series import VelocitySeries
 from evcalib.track import VelocityTrack
 from evcalib.tracks import Tracks
@@ -32,18 +31,14 @@ MOST_SEARCHED = 12_000
 WIDEST = 2.0
 """Reach of the loss [px] at the start."""
 
-REACH = 5.0
-"""Reach of the loss in standard deviations of a sighting, per axis."""
-
 SLOWEST = 2.0
 """Flow [px/s] below which a corner has no direction to trail along."""
 
-BIN, MEMORY = 0.1, 1.5
-"""Scores are summed over bins [s]; sums up to so far apart [s] count as dependent: corners live
-for most of a second, and so does the error of the odometry's integral."""
-
 FEWEST = 50
 """Tracks without which there is no joint refinement."""
+
+STRETCH = 0.5
+"""Losses are compared over stretches of time [s]."""
 
 GATE = 2.0
 """Standard errors within which another offset fits as well."""
@@ -91,12 +86,11 @@ class JointRefinement:
         Share of the sightings that the fit follows.
     tracks, sightings : int
         What entered.
-    offsets, loss : ndarray, shape (m,)
-        Candidates [s], and the mean loss of a sighting there [px^2], each with its best rotation.
+    curve : OffsetCurve, optional
+        How well the tracks are met over the candidate offsets, each with its best rotation; None
+        where the offset was given.
     plausible : ndarray, shape (k,)
-        Candidates that fit as well as the best.
-    offset_estimated : bool
-        Whether the offset was estimated, or kept as given.
+        Candidates [s] that fit as well as the best.
     converged : bool
         Whether the last step was small.
     """
@@ -111,41 +105,9 @@ class JointRefinement:
     inlier_share: float
     tracks: int
     sightings: int
-    offsets: Floats
-    loss: Floats
+    curve: OffsetCurve | None
     plausible: Floats
-    offset_estimated: bool
     converged: bool
-
-
-@dataclass(frozen=True, eq=False)
-class _Problem:
-    """What stays the same in a fit; lengths in radians."""
-
-    tracks: Tracks
-    motion: tuple[NDArray, ...]
-    lever: tuple[float, float, float]
-    slowest: float
-    lag: float
-    lag_sd: float
-
-
-@dataclass(eq=False)
-class _Fit:
-    """The unknowns, and what the last pass over the tracks gave."""
-
-    R: Floats
-    offset: float
-    lag: float
-    reach: float
-    residuals: Floats
-    weights: Floats
-    distances: Floats
-    scores: Floats
-    losses: Floats
-    information: Floats
-    noise: float = 0.0
-    converged: bool = False
 
 
 def refine_jointly(
@@ -209,7 +171,7 @@ def refine_jointly(
     tracks = tracks.thinned(MOST)
     if len(tracks) < FEWEST:
         return None
-    problem = _Problem(
+    problem = Problem(
         tracks,
         world_motion(velocities, track),
         lever,
@@ -218,18 +180,18 @@ def refine_jointly(
         lag.sd / focal,
     )
     free = np.array([True, True, True, estimate_offset, True])
-    grid, loss, plausible = np.empty(0), np.empty(0), np.empty(0)
-    start = offset
+    widest, search = WIDEST / focal, None
     if estimate_offset:
-        grid, loss = _search(problem, R_body_cam, candidate_offsets(max_offset), focal)
-        start = float(grid[np.argmin(loss.sum(axis=0))]) if grid.size else offset
-    fit = _solve(problem, R_body_cam, start, free, WIDEST / focal)
+        search = _search(problem, R_body_cam, candidate_offsets(max_offset), widest)
+        if search is None:
+            return None
+        offset = float(search.offsets[np.nanargmin(search.mean)])
+    fit = solve(problem, R_body_cam, offset, free, widest)
     if fit is None:
         return None
-    covariance, samples = _covariance(problem, fit, free)
-    if estimate_offset and grid.size:
-        plausible = grid[_as_good(loss, int(np.argmin(np.abs(grid - fit.offset))))]
-    covariance[3, 3] += lag.time_sd**2 if estimate_offset else 0.0
+    covariance, samples = covariance_of(problem, fit, free)
+    if estimate_offset:
+        covariance[3, 3] += lag.time_sd**2
     return JointRefinement(
         R_body_cam=fit.R,
         offset=fit.offset,
@@ -241,10 +203,8 @@ def refine_jointly(
         inlier_share=float(np.mean(fit.weights > 0)),
         tracks=len(tracks),
         sightings=int(tracks.first[-1]),
-        offsets=grid,
-        loss=loss.mean(axis=0) * focal**2 if grid.size else loss,
-        plausible=plausible,
-        offset_estimated=estimate_offset,
+        curve=None if search is None else _curve(search, fit.offset, max_offset, widest**2 / 6),
+        plausible=np.empty(0) if search is None else search.as_good(fit.offset),
         converged=fit.converged,
     )
 
@@ -265,143 +225,75 @@ def world_motion(velocities: VelocitySeries, track: VelocityTrack) -> tuple[NDAr
     return track.t, v, slope, path, yaw, track.segment
 
 
-def _begin(problem: _Problem, R: Floats, offset: float, reach: float) -> _Fit:
-    n, k = int(problem.tracks.first[-1]), len(problem.tracks)
-    return _Fit(
-        R=np.ascontiguousarray(R),
-        offset=offset,
-        lag=problem.lag,
-        reach=reach,
-        residuals=np.zeros((n, 2)),
-        weights=np.zeros(n),
-        distances=np.zeros(k),
-        scores=np.zeros((k, kernel.UNKNOWNS)),
-        losses=np.zeros(k),
-        information=np.zeros((kernel.UNKNOWNS, kernel.UNKNOWNS)),
-    )
+@dataclass(frozen=True, eq=False)
+class _Search:
+    """Losses of some tracks over the candidate offsets.
+
+    `losses` (k, m) [rad^2], NaN where the odometry does not cover a track; `length` (k,) sightings;
+    `stretch` (k,) numbers the stretch of time that each starts in.
+    """
+
+    offsets: Floats
+    losses: Floats
+    length: Floats
+    stretch: NDArray[np.int64]
+
+    @property
+    def mean(self) -> Floats:
+        """Mean loss of a sighting at each candidate; NaN where few are covered."""
+        known = np.isfinite(self.losses)
+        count = self.length @ known
+        total = np.where(known, self.losses, 0.0).sum(axis=0)
+        enough = (count >= MIN_OVERLAP * count.max()) & (count > 0)
+        return np.where(enough, total / np.maximum(count, 1), np.nan)
+
+    def as_good(self, offset: float) -> Floats:
+        """Return the candidates that fit as well as that next to `offset` (Vuong 1989)."""
+        best = int(np.argmin(np.abs(self.offsets - offset)))
+        more = self.losses - self.losses[:, [best]]
+        known = np.isfinite(more)
+        sums = np.zeros((int(self.stretch.max()) + 1, self.offsets.size))
+        np.add.at(sums, self.stretch, np.where(known, more, 0.0))
+        total = sums.sum(axis=0)
+        spread = np.sum((sums - total / len(sums)) ** 2, axis=0)
+        # Neighbouring stretches share corners.
+        good = total <= GATE * np.sqrt(2.0 * spread)
+        return self.offsets[good & np.isfinite(self.mean)]
 
 
-def _follow(problem: _Problem, fit: _Fit) -> None:
-    """Run over all tracks with the unknowns as they are."""
-    fit.information = kernel.follow(
-        problem.tracks.arrays,
-        fit.R,
-        (fit.offset, fit.lag),
-        problem.motion,
-        (fit.reach, problem.slowest, problem.lever),
-        (fit.residuals, fit.weights, fit.distances, fit.scores, fit.losses),
-    )
-
-
-def _step(problem: _Problem, fit: _Fit, free: NDArray[np.bool_]) -> Floats | None:
-    """Take a Gauss-Newton step in the free unknowns; return it, or None if they are not fixed."""
-    information, score = _posterior(problem, fit)
-    chosen = np.ix_(free, free)
-    scale = np.sqrt(np.maximum(np.diag(information)[free], 1e-300))
-    values, vectors = np.linalg.eigh(information[chosen] / np.outer(scale, scale))
-    if not values[-1] > 0 or not np.isfinite(values).all():
-        return None
-    known = values > 1e-6 * values[-1]
-    part = vectors[:, known]
-    step = np.zeros(kernel.UNKNOWNS)
-    step[free] = -(part @ ((part.T @ (score[free] / scale)) / values[known])) / scale
-    fit.R = rotation_vector_to_matrix(step[:3]) @ fit.R
-    fit.offset += float(step[3])
-    fit.lag += float(step[4])
-    return step
-
-
-def _posterior(problem: _Problem, fit: _Fit) -> tuple[Floats, Floats]:
-    """Return information and score with the lag's prior."""
-    information, score = fit.information.copy(), fit.scores.sum(axis=0)
-    weight = (max(fit.noise, 1e-6) / problem.lag_sd) ** 2
-    information[4, 4] += weight
-    score[4] += weight * (fit.lag - problem.lag)
-    return information, score
-
-
-def _noise(problem: _Problem, fit: _Fit) -> float:
-    """Return the standard deviation of a sighting per axis, from the median residual [rad]."""
-    length = problem.tracks.length
-    # A track of m sightings and its anchor leaves 2 m - 1 of 2 (m + 1) residuals free.
-    spread = np.repeat(np.sqrt((length + 1) / (length - 0.5)), length)
-    used = fit.weights > 0
-    if not used.any():
-        return 0.0
-    return float(np.median(np.hypot(*fit.residuals[used].T) * spread[used]) / 1.1774)
-
-
-def _solve(
-    problem: _Problem, R: Floats, offset: float, free: NDArray[np.bool_], widest: float
-) -> _Fit | None:
-    """Iterate to the optimum, the loss narrowing down to what the noise asks for."""
-    fit = _begin(problem, R, offset, widest)
-    for k in range(40):
-        _follow(problem, fit)
-        fit.noise = _noise(problem, fit)
-        if fit.noise == 0:
-            return None
-        step = _step(problem, fit, free)
-        if step is None:
-            return None
-        small = bool(np.abs(step[:3]).max() < 1e-5 and abs(step[3]) < 1e-4)
-        if k >= 3 and small:
-            wanted = float(np.clip(REACH * fit.noise, 0.25 * widest, widest))
-            fit.converged = wanted > 0.9 * fit.reach
-            if fit.converged:
-                break
-        if k >= 3:
-            fit.reach = float(np.clip(REACH * fit.noise, 0.7 * fit.reach, fit.reach))
-    _follow(problem, fit)
-    return fit
-
-
-def _covariance(problem: _Problem, fit: _Fit, free: NDArray[np.bool_]) -> tuple[Floats, float]:
-    """Return the covariance (5, 5) and how many stretches of motion count as independent."""
-    information, _ = _posterior(problem, fit)
-    start = problem.tracks.start
-    row = ((start - start.min()) / BIN).astype(np.int64)
-    sums = np.zeros((int(row.max()) + 1, kernel.UNKNOWNS))
-    np.add.at(sums, row, fit.scores)
-    scatter = sums.T @ sums
-    width = round(MEMORY / BIN)
-    for lag in range(1, min(width, len(sums))):
-        across = sums[lag:].T @ sums[:-lag]
-        scatter += (1.0 - lag / width) * (across + across.T)
-    scatter[4, 4] += (fit.noise**2 / problem.lag_sd) ** 2
-    samples = max(np.count_nonzero(sums.any(axis=1)) * BIN / MEMORY, 1.0)
-    lost = max(1.0 - 4.0 / samples, 0.25)
-    inverse = np.zeros((kernel.UNKNOWNS, kernel.UNKNOWNS))
-    inverse[np.ix_(free, free)] = np.linalg.pinv(
-        information[np.ix_(free, free)], rcond=1e-12, hermitian=True
-    )
-    return inverse @ scatter @ inverse / lost, samples
-
-
-def _search(problem: _Problem, R: Floats, offsets: Floats, focal: float) -> tuple[Floats, Floats]:
-    """Return candidates, and the loss [rad^2] at each, shape (stretches, candidates)."""
-    tracks, t = problem.tracks, problem.motion[0]
+def _search(problem: Problem, R: Floats, offsets: Floats, widest: float) -> _Search | None:
+    """Follow some tracks at every second candidate, each time with the best rotation."""
+    tracks, t = problem.tracks.thinned(MOST_SEARCHED), problem.motion[0]
     offsets = offsets[::2]
-    covered = (tracks.start + offsets[0] >= t[0]) & (tracks.end + offsets[-1] <= t[-1])
-    if np.count_nonzero(covered) < FEWEST:
-        return np.empty(0), np.empty((0, 0))
-    part = replace(problem, tracks=tracks.select(covered).thinned(MOST_SEARCHED))
-    free = np.array([True, True, True, False, False])
-    start = part.tracks.start
-    stretch = ((start - start.min()) / 0.5).astype(np.int64)
-    loss = np.zeros((int(stretch.max()) + 1, offsets.size))
+    covered = np.add.outer(tracks.start, offsets) >= t[0]
+    covered &= np.add.outer(tracks.end, offsets) <= t[-1]
+    if covered.sum(axis=0).max() < FEWEST:
+        return None
+    part, free = replace(problem, tracks=tracks), np.array([True, True, True, False, False])
+    losses = np.full(covered.shape, np.nan)
     for k, offset in enumerate(offsets):
-        fit = _begin(part, R, float(offset), WIDEST / focal)
+        if not covered[:, k].any():
+            continue
+        fit = begin(part, R, float(offset), widest)
         for _ in range(2):
-            _follow(part, fit)
-            _step(part, fit, free)
-        _follow(part, fit)
-        np.add.at(loss[:, k], stretch, fit.losses / part.tracks.first[-1])
-    return offsets, loss
+            follow(part, fit)
+            step(part, fit, free)
+        follow(part, fit)
+        losses[:, k] = np.where(covered[:, k], fit.losses, np.nan)
+    stretch = ((tracks.start - tracks.start.min()) / STRETCH).astype(np.int64)
+    return _Search(offsets, losses, tracks.length.astype(np.float64), stretch)
 
 
-def _as_good(loss: Floats, best: int) -> NDArray[np.bool_]:
-    """Tell which candidates fit as well as the best (Vuong 1989), stretch by stretch."""
-    more = loss - loss[:, [best]]
-    error = np.sqrt(2.0 * np.sum((more - more.mean(axis=0)) ** 2, axis=0))
-    return np.asarray(more.sum(axis=0) <= GATE * error)
+def _curve(search: _Search, found: float, max_offset: float, worst: float) -> OffsetCurve:
+    """Return the search as scores: 1 where all sightings are met, 0 where all are outliers."""
+    score = 1.0 - search.mean / worst
+    count = search.length @ np.isfinite(search.losses)
+    return OffsetCurve(
+        method="tracks",
+        offsets=search.offsets,
+        score=score,
+        overlap=count / max(float(search.length.sum()), 1.0),
+        offset=found,
+        second_peak_ratio=second_peak_ratio(score, int(np.nanargmax(score))),
+        at_edge=abs(found) > max_offset,
+    )

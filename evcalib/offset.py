@@ -135,7 +135,7 @@ def find_offset(
         score=score,
         overlap=totals / total,
         offset=_subgrid_peak(offsets, score, peak),
-        second_peak_ratio=_second_peak_ratio(score, peak),
+        second_peak_ratio=second_peak_ratio(score, peak),
         at_edge=_at_edge(score, peak),
     )
 
@@ -277,7 +277,8 @@ def _at_edge(score: Floats, peak: int) -> bool:
     return bool(peak in (known[0], known[-1])) and known.size > 1
 
 
-def _second_peak_ratio(score: Floats, peak: int) -> float:
+def second_peak_ratio(score: Floats, peak: int) -> float:
+    """Return the height of the second local maximum over that at `peak`; 0 if there is only one."""
     filled = np.where(np.isfinite(score), score, -np.inf)
     left = np.r_[-np.inf, filled[:-1]]
     right = np.r_[filled[1:], -np.inf]

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from evcalib.joint import JointRefinement
 from evcalib.observability import DirectionSpread
 from evcalib.offset import OffsetCurve
 from evcalib.rotation import Mixture
@@ -108,6 +109,8 @@ class Calibration:
         The same in words.
     settings : dict
         Parameters of the call.
+    joint : JointRefinement, optional
+        The refinement on the tracks of corners, where there was one.
     """
 
     R_body_cam: Floats
@@ -126,3 +129,4 @@ class Calibration:
     diagnostics: Diagnostics
     verdict: Verdict
     settings: dict[str, Any] = field(default_factory=dict)
+    joint: JointRefinement | None = None

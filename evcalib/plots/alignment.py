@@ -28,6 +28,7 @@ _NAMES = {
     "trace": "trace correlation",
     "canonical": "first canonical correlation",
     "scalar": "correlation of turning rates",
+    "tracks": "sightings met",
 }
 
 _SIZES = {

@@ -1,0 +1,151 @@
+"""The calibration after the joint refinement, judged anew."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from evcalib import uncertainty
+from evcalib.calibration import unknown_axis
+from evcalib.joint import JointRefinement
+from evcalib.observability import RATE_GATE, direction_spread
+from evcalib.results import Calibration
+from evcalib.series import HeadingSeries
+from evcalib.solution import Residuals, Solution
+from evcalib.track import VelocityTrack
+from evcalib.verdict import judge
+
+Floats = NDArray[np.float64]
+
+ENOUGH = 0.3
+"""Least share of the sightings that a refinement must follow to be believed."""
+
+
+def offset_observable(joint: JointRefinement, max_offset: float) -> bool:
+    """Tell whether the tracks determine the offset: one peak, inside the search, and sharp."""
+    if joint.curve is None or joint.curve.at_edge or joint.inlier_share < ENOUGH:
+        return False
+    widest = max_offset / 4
+    near = np.append(joint.plausible, joint.offset)
+    step = float(np.diff(joint.curve.offsets).max())
+    return bool(
+        np.sqrt(joint.covariance[3, 3]) < widest
+        and np.abs(near - joint.offset).max() < widest
+        # Candidates that fit as well, but with worse ones in between, are another answer.
+        and np.diff(np.sort(near)).max() < 1.5 * step
+    )
+
+
+def finish(
+    aligned: Calibration,
+    joint: JointRefinement,
+    headings: HeadingSeries,
+    track: VelocityTrack,
+    max_offset: float,
+) -> Calibration:
+    """Put a refinement that determines the offset in the place of the alignment's answer.
+
+    Parameters
+    ----------
+    aligned : Calibration
+        From `evcalib.align`.
+    joint : JointRefinement
+        From `evcalib.joint.refine_jointly`, with the offset estimated.
+    headings, track
+        What was aligned; residuals and agreement are those of the headings at the refined values.
+    max_offset : float
+        Half width of the search [s].
+    """
+    solution = Solution.at(headings.usable(), track, joint.offset, "tukey")
+    spread = direction_spread(solution.residuals.direction, track)
+    covariance = joint.covariance[:3, :3]
+    unknown = unknown_axis(covariance, spread)
+    if unknown is not None:
+        covariance = covariance + uncertainty.UNKNOWN * np.outer(unknown, unknown)
+    determined = unknown is None and solution.agrees
+    sd = float(np.sqrt(joint.covariance[3, 3]))
+    half = uncertainty.t_quantile(_samples(joint)) * sd
+    interval = joint.offset - half, joint.offset + half
+    diagnostics = replace(
+        aligned.diagnostics,
+        spread=spread,
+        mixture=solution.mixture,
+        noise=solution.noise,
+        independent_headings=solution.covariance.samples,
+        second_peak_ratio=joint.curve.second_peak_ratio if joint.curve else 0.0,
+        plausible=joint.plausible,
+        agrees=solution.agrees,
+        at_edge=False,
+        offset_matters=0.0,
+    )
+    verdict = judge(
+        diagnostics,
+        offset_observable=True,
+        rotation_observable=determined,
+        offset_sd=sd,
+        offset_interval=interval,
+        unknown_axis=unknown,
+        searched=max_offset,
+        given=aligned.settings.get("offset"),
+        used=joint.offset,
+        estimate=joint.offset,
+    )
+    return replace(
+        aligned,
+        R_body_cam=joint.R_body_cam,
+        offset=joint.offset,
+        offset_sd=sd,
+        offset_interval=interval,
+        offset_observable=True,
+        rotation_sd=min(float(np.sqrt(np.trace(covariance))), np.pi),
+        rotation_covariance=covariance,
+        rotation_radius=uncertainty.rotation_radius(covariance, samples=_samples(joint)),
+        rotation_observable=determined,
+        unknown_axis=unknown,
+        inlier_share=solution.mixture.inliers,
+        curve=joint.curve,
+        residuals=_residuals(solution.residuals, headings, joint.R_body_cam),
+        diagnostics=diagnostics,
+        verdict=replace(
+            verdict, reasons=(_how(joint, diagnostics.heading_rate_z), *verdict.reasons)
+        ),
+        joint=joint,
+    )
+
+
+def keep(aligned: Calibration, joint: JointRefinement, headings: HeadingSeries) -> Calibration:
+    """Take the rotation of a refinement at the alignment's offset; what is unknown stays so."""
+    covariance = aligned.rotation_covariance
+    if np.trace(joint.covariance[:3, :3]) > np.trace(covariance):
+        covariance = joint.covariance[:3, :3]
+    return replace(
+        aligned,
+        R_body_cam=joint.R_body_cam,
+        rotation_covariance=covariance,
+        rotation_sd=min(float(np.sqrt(np.trace(covariance))), np.pi),
+        residuals=_residuals(aligned.residuals, headings, joint.R_body_cam),
+        joint=joint,
+    )
+
+
+def _samples(joint: JointRefinement) -> float:
+    """Return stretches in the form of `t_quantile`: two numbers each, four of them spent."""
+    return 0.5 * joint.samples
+
+
+def _residuals(before: Residuals, headings: HeadingSeries, R: Floats) -> Residuals:
+    """Return the residuals of the same headings under another rotation."""
+    turned = headings.v[np.isin(headings.t, before.t)] @ R.T
+    angle = 2 * np.arcsin(np.clip(0.5 * np.linalg.norm(turned - before.direction, axis=1), 0, 1))
+    return replace(before, turned=turned, angle=angle)
+
+
+def _how(joint: JointRefinement, rate_z: float) -> str:
+    shows = "the changes of speed" if rate_z < RATE_GATE else "turns and changes of speed"
+    return (
+        f"Refined on {joint.sightings} sightings of {joint.tracks} corners"
+        f" ({100 * joint.inlier_share:.0f} % followed, {joint.noise:.2f} px each): the offset shows"
+        f" in {shows}."
+    )

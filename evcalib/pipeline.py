@@ -1,0 +1,161 @@
+"""From raw events and body velocities to the calibration: all stages in one call."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+
+from evcalib import _check
+from evcalib.calibration import align
+from evcalib.camera import Camera
+from evcalib.errors import InputError
+from evcalib.events import Events
+from evcalib.final_stage import finish, keep, offset_observable
+from evcalib.heading import HeadingEstimate, estimate_headings
+from evcalib.joint import Lag, refine_jointly
+from evcalib.kinematics import BodyVelocities
+from evcalib.results import Calibration
+from evcalib.run import CalibrationRun, Gating, package_versions
+from evcalib.series import VelocitySeries
+from evcalib.track import velocity_track
+from evcalib.tracks import tracks_of
+
+REFINEMENTS = ("tracks", "none")
+
+STAGES = ("headings", "alignment", "refinement")
+
+LAG = Lag()
+"""What simulated recordings show; see notebook 06."""
+
+
+def calibrate(
+    events: Events | Iterable[Events],
+    camera: Camera,
+    velocities: VelocitySeries | BodyVelocities,
+    *,
+    max_offset: float = 1.0,
+    offset: float | None = None,
+    camera_position: tuple[float, float, float] | None = None,
+    refinement: str = "tracks",
+    lag: Lag = LAG,
+    surface: str = "tos_ts",
+    rate: float = 20.0,
+    seed: int = 0,
+    on_stage: Callable[[str], object] = lambda name: None,
+) -> CalibrationRun:
+    """Find the time offset and the rotation between an event camera and a vehicle.
+
+    Headings are estimated from the events and aligned with the velocities (`evcalib.align`); then
+    all sightings of all corners refine offset and rotation at once
+    (`evcalib.joint.refine_jointly`).  Where the velocities have a yaw rate, the refinement takes
+    the turning of the camera into account.
+
+    Parameters
+    ----------
+    events : Events or iterable of Events
+        The recording, whole or in pieces, of which only one is held at a time.
+    camera : Camera
+        Calibrated for the size of the events.
+    velocities : VelocitySeries or BodyVelocities
+        Motion of the body, as given or as `evcalib.kinematics.body_velocities` returns it.
+    max_offset : float
+        Offsets from -max_offset to max_offset [s] are searched.
+    offset : float, optional
+        Offset [s] to use where the motion does not determine it; 0 if not given.
+    camera_position : tuple of float, optional
+        Where the camera sits in the body frame (x, y, z) [m].  When the body turns, a camera away
+        from its origin moves otherwise than the origin; taken to be at it if not given.
+    refinement : {"tracks", "none"}
+        Whether to refine; ``none`` is the paper's chain.
+    lag : Lag
+        What is known of the trailing of corners; see `evcalib.joint`.
+    surface, rate, seed
+        See `evcalib.estimate_headings`.
+    on_stage : callable
+        Called with the name of each stage as it begins.
+
+    Returns
+    -------
+    CalibrationRun
+        The calibration, with what led to it.
+
+    Raises
+    ------
+    InputError
+        If an input is unusable, there are too few headings, or the two clocks do not overlap.
+    """
+    _check.one_of(refinement, "refinement", REFINEMENTS)
+    lever = _check.floats((0.0, 0.0, 0.0) if camera_position is None else camera_position,
+                          "camera_position", (3,))  # fmt: skip
+    body = velocities.velocities if isinstance(velocities, BodyVelocities) else velocities
+    if not isinstance(body, VelocitySeries):
+        raise InputError(f"velocities must be a VelocitySeries, not {type(body).__name__}")
+    timings: dict[str, float] = {}
+    with _stage("headings", on_stage, timings):
+        estimate = estimate_headings(
+            events, camera, surface=surface, rate=rate, seed=seed, keep_correspondences=True
+        )
+    with _stage("alignment", on_stage, timings):
+        aligned = align(estimate.headings, body, max_offset=max_offset, offset=offset, seed=seed)
+    final = aligned
+    if refinement == "tracks":
+        with _stage("refinement", on_stage, timings):
+            final = _refined(aligned, estimate, body, camera, max_offset, lag, tuple(lever))
+    settings: dict[str, Any] = {
+        **aligned.settings,
+        "camera_position": None if camera_position is None else tuple(map(float, lever)),
+        "refinement": refinement,
+        "lag": f"{lag.mean:g} +- {lag.sd:g} px, +- {1e3 * lag.time_sd:g} ms",
+        "surface": surface,
+        "rate": float(rate),
+    }
+    return CalibrationRun(
+        calibration=final,
+        estimate=estimate,
+        velocities=body,
+        gating=Gating.of(velocities) if isinstance(velocities, BodyVelocities) else None,
+        settings=settings,
+        versions=package_versions(),
+        timings=timings,
+    )
+
+
+def _refined(
+    aligned: Calibration,
+    estimate: HeadingEstimate,
+    velocities: VelocitySeries,
+    camera: Camera,
+    max_offset: float,
+    lag: Lag,
+    lever: tuple[float, ...],
+) -> Calibration:
+    """Return the calibration after the joint refinement, or as it was where there is none."""
+    assert estimate.correspondences is not None
+    tracks = tracks_of(estimate.correspondences)
+    track = velocity_track(velocities)
+    common: Mapping[str, Any] = {
+        "focal": float(np.sqrt(camera.fx * camera.fy)),
+        "max_offset": max_offset,
+        "lag": lag,
+        "lever": lever,
+    }
+    start = (tracks, velocities, track, aligned.R_body_cam, aligned.offset)
+    joint = refine_jointly(*start, **common)
+    if joint is not None and offset_observable(joint, max_offset):
+        return finish(aligned, joint, estimate.headings, track, max_offset)
+    joint = refine_jointly(*start, estimate_offset=False, **common)
+    return aligned if joint is None else keep(aligned, joint, estimate.headings)
+
+
+@contextmanager
+def _stage(
+    name: str, on_stage: Callable[[str], object], timings: dict[str, float]
+) -> Iterator[None]:
+    on_stage(name)
+    started = time.perf_counter()
+    yield
+    timings[name] = time.perf_counter() - started
