@@ -296,6 +296,18 @@ def test_bad_numbers_and_versions_are_refused(tmp_path):
         run_trials(study_trials.draw, 0, "9", [])
 
 
+def test_a_script_without_a_guard_is_told_so(tmp_path):
+    """Its workers would start the script again, and die of it; no trial is to blame."""
+    call = f"run_study(study_trials.study(), trials=2, seed=1, folder={str(tmp_path)!r}, workers=2)"
+    file = tmp_path / "bare.py"
+    head = f"import sys; sys.path.insert(0, {HERE!r})\nimport study_trials\n"
+    file.write_text(f"{head}from data_tools.studies import run_study\n{call}\n", encoding="utf-8")
+    done = subprocess.run([sys.executable, file], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 1
+    assert "no worker process can be started" in done.stderr
+    assert len((tmp_path / "small.journal").read_bytes().splitlines()) == 1
+
+
 def test_no_worker_outlives_a_killed_run(tmp_path):
     call = (
         f"run_study(study_trials.study(study_trials.note_pid, log={str(tmp_path / 'pids')!r}),"

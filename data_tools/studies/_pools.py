@@ -19,7 +19,7 @@ from contextlib import contextmanager, suppress
 from multiprocessing.connection import Connection
 from typing import Any, Protocol
 
-from evcalib.errors import InputError
+from evcalib.errors import EvcalibError, InputError
 
 THREADS = ("OMP", "OPENBLAS", "MKL", "NUMBA", "VECLIB_MAXIMUM", "NUMEXPR")
 """Libraries whose threads a worker does without: there is one worker per core already."""
@@ -58,6 +58,8 @@ def open_pool(workers: int = 1, scheduler: str | None = None) -> Iterator[Pool]:
     ------
     InputError
         If there are no workers, or the scheduler cannot be reached.
+    EvcalibError
+        If no process can be started.
     """
     if workers < 1:
         raise InputError(f"workers must be at least 1, not {workers}")
@@ -131,6 +133,13 @@ class ProcessPool:
         self._executor = ProcessPoolExecutor(
             self.width, mp_context=context, initializer=_start_worker, initargs=(self._far,)
         )
+        try:
+            self._executor.submit(os.getpid).result()
+        except BrokenProcessPool:
+            raise EvcalibError(
+                "no worker process can be started; in a script, what starts workers must stand"
+                " under `if __name__ == '__main__':`"
+            ) from None
 
     def stop(self) -> None:
         """End the processes; what they have not finished is lost."""
