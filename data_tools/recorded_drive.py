@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data_tools._random import generator
-from data_tools.motion import Drive, fingers
+from data_tools.motion import Drive, arc, fingers, straight
 from data_tools.scenes import furnished_room
 from data_tools.sensor import Sensor
 from data_tools.simulator import FORWARD, Simulator
@@ -25,7 +25,7 @@ from evcalib.kinematics import Swerve, Wheel, WheelLog, WheelStates
 
 Floats = NDArray[np.float64]
 
-MOTIONS = ("sweep", "fingers")
+MOTIONS = ("sweep", "fingers", "straight", "arc")
 MOUNTINGS = ("forward", "sideways", "down")
 
 CAMERA = Camera(240, 180, 200.0, 200.0, 119.5, 89.5)
@@ -106,9 +106,10 @@ def record_drive(
     ----------
     seed : int
         Of everything that is random.
-    motion : {"sweep", "fingers"}
+    motion : {"sweep", "fingers", "straight", "arc"}
         The direction of travel swings without end; or out and back along spread directions, with
-        pauses.  Accelerations are finite.
+        pauses.  Accelerations are finite.  Or a straight line, or an arc, at constant speed: these
+        cannot answer.
     mounting : {"forward", "sideways", "down"}
         The camera looks ahead, with roll, pitch and yaw of up to 30 degrees; to the left or right;
         or ahead and 30 degrees down; the last two with angles of up to 10 degrees.
@@ -176,7 +177,17 @@ def _fingers(rng: np.random.Generator, duration: float, speed: float) -> Drive:
     return replace(fingers(angles.tolist(), out=out, pause=pause, speed=speed), duration=duration)
 
 
-_MAKERS = {"sweep": _sweep, "fingers": _fingers}
+def _straight(rng: np.random.Generator, duration: float, speed: float) -> Drive:
+    return straight(duration, heading=rng.uniform(-0.5, 0.5), speed=speed)
+
+
+def _arc(rng: np.random.Generator, duration: float, speed: float) -> Drive:
+    """Return an arc that turns the direction of travel by 90 to 180 degrees in all."""
+    turned = rng.choice([-1.0, 1.0]) * rng.uniform(0.5 * np.pi, np.pi)
+    return arc(duration, radius=speed * duration / turned, heading=-0.5 * turned, speed=speed)
+
+
+_MAKERS = {"sweep": _sweep, "fingers": _fingers, "straight": _straight, "arc": _arc}
 
 
 def _wobble(rng: np.random.Generator, largest: float) -> Callable[[Floats], Floats]:

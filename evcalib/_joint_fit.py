@@ -16,7 +16,7 @@ Floats = NDArray[np.float64]
 REACH = 5.0
 """Reach of the loss in standard deviations of a sighting, per axis."""
 
-BIN, MEMORY = 0.1, 1.5
+BIN, MEMORY = 0.1, 2.5
 """Scores are summed over bins [s]; sums up to so far apart [s] count as dependent: corners live
 for most of a second, and so does the error of the odometry's integral."""
 
@@ -159,7 +159,8 @@ def covariance_of(problem: Problem, fit: Fit, free: NDArray[np.bool_]) -> tuple[
         scatter += (1.0 - lag / width) * (across + across.T)
     scatter[4, 4] += (fit.noise**2 / problem.lag_sd) ** 2
     samples = max(np.count_nonzero(sums.any(axis=1)) * BIN / MEMORY, 1.0)
-    lost = max(1.0 - 4.0 / samples, 0.25)
+    # Four unknowns were fitted to two numbers, a direction, per stretch.
+    lost = max(1.0 - 2.0 / samples, 0.25)
     inverse = np.zeros((kernel.UNKNOWNS, kernel.UNKNOWNS))
     inverse[np.ix_(free, free)] = np.linalg.pinv(
         information[np.ix_(free, free)], rcond=1e-12, hermitian=True

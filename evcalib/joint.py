@@ -56,9 +56,9 @@ class Lag:
         Standard deviation of what remains as a delay [s], whatever the flow.
     """
 
-    mean: float = 0.2
-    sd: float = 0.15
-    time_sd: float = 0.002
+    mean: float = 0.0
+    sd: float = 0.1
+    time_sd: float = 0.001
 
 
 @dataclass(frozen=True, eq=False)

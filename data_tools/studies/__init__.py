@@ -40,6 +40,7 @@ STUDIES = {
     "ablations": "what each choice of our method is worth",
     "coverage": "whether the error bars hold what they promise",
     "real": "the paper's Table I on its real data",
+    "recorded": "from raw events to the calibration, on simulated recordings",
 }
 """Names of the studies, and what they ask."""
 

@@ -10,8 +10,8 @@ from typing import Annotated
 import typer
 
 from evcalib.cli import _common as common
-from evcalib.cli._common import app
 from evcalib.cli._chain import streams
+from evcalib.cli._common import app
 
 Workers = Annotated[int, typer.Option(min=1, help="Processes on this machine.")]
 Scheduler = Annotated[
