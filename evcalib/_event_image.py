@@ -22,7 +22,7 @@ Floats = NDArray[np.float64]
 WAY_PX = 1.5
 """The typical corner moves this far [px] while events are added up."""
 
-AHEAD = 1.0
+AHEAD = 0.5
 """Part of that time in which it is still seen what follows an event at its pixel."""
 
 LONGEST, UNKNOWN = 0.12, 0.06
@@ -119,7 +119,8 @@ class EventImager:
         following = np.zeros(self._shape, dtype=np.int8)
         columns = (events.x, events.y, events.t, events.p)
         kernels.draw(columns, start, end, self._last, following, image)
-        return EventImage(cv2.GaussianBlur(image, (0, 0), SIGMA_PX), 1e-6 * start, 1e-6 * end)
+        smooth = np.asarray(cv2.GaussianBlur(image, (0, 0), SIGMA_PX), dtype=np.float32)
+        return EventImage(smooth, 1e-6 * start, 1e-6 * end)
 
 
 def align(first: EventImage, second: EventImage, centres: Floats, guesses: Floats) -> Floats:
