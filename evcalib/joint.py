@@ -45,20 +45,27 @@ GATE = 2.0
 
 
 @dataclass(frozen=True)
-class Lag:
-    """How far corners trail their true place along their flow, before a fit.
+class Systematic:
+    """What all sightings of a drive share, however many they are.
 
     Attributes
     ----------
-    mean, sd : float
-        Of the lag [px].
+    lag, lag_sd : float
+        How far corners trail their true place along their flow, and how sure that is [px].
     time_sd : float
         Standard deviation of what remains as a delay [s], whatever the flow.
+    rotation_sd : float
+        Standard deviation of what remains as a rotation, per axis [rad].
     """
 
-    mean: float = 0.0
-    sd: float = 0.1
+    lag: float = 0.0
+    lag_sd: float = 0.1
     time_sd: float = 0.001
+    rotation_sd: float = float(np.radians(0.06))
+
+
+SYSTEMATIC = Systematic()
+"""What simulated recordings of many scenes leave (notebook 06)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,14 +127,14 @@ def refine_jointly(
     focal: float,
     estimate_offset: bool = True,
     max_offset: float = 1.0,
-    lag: Lag = Lag(),
+    systematic: Systematic = SYSTEMATIC,
     lever: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> JointRefinement | None:
     """Refine rotation and offset on all sightings of all corners.
 
     Each sighting has its own time, the odometry is integrated from the first sighting to it, its
     yaw included, and the distance of each corner is solved for along with the rest.  The loss is
-    Tukey's.  The trailing of corners along their flow is estimated too, from `lag` as a prior.
+    Tukey's.  The trailing of corners along their flow is estimated too, with a prior.
 
     Parameters
     ----------
@@ -147,8 +154,8 @@ def refine_jointly(
         Or only the rotation, at the given offset.
     max_offset : float
         Offsets from -max_offset to max_offset [s] are compared, if it is estimated.
-    lag : Lag
-        What is known of the trailing of corners.
+    systematic : Systematic
+        What is known of errors that all sightings share.
     lever : tuple of float
         Position of the camera in the body frame [m].
 
@@ -176,8 +183,8 @@ def refine_jointly(
         world_motion(velocities, track),
         lever,
         SLOWEST / focal,
-        lag.mean / focal,
-        lag.sd / focal,
+        systematic.lag / focal,
+        systematic.lag_sd / focal,
     )
     free = np.array([True, True, True, estimate_offset, True])
     widest, search = WIDEST / focal, None
@@ -190,8 +197,8 @@ def refine_jointly(
     if fit is None:
         return None
     covariance, samples = covariance_of(problem, fit, free)
-    if estimate_offset:
-        covariance[3, 3] += lag.time_sd**2
+    covariance[:3, :3] += systematic.rotation_sd**2 * np.eye(3)
+    covariance[3, 3] += systematic.time_sd**2 if estimate_offset else 0.0
     return JointRefinement(
         R_body_cam=fit.R,
         offset=fit.offset,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from evcalib.errors import InputError
 from evcalib.events import Events
 from evcalib.final_stage import finish, keep, offset_observable
 from evcalib.heading import HeadingEstimate, estimate_headings
-from evcalib.joint import Lag, refine_jointly
+from evcalib.joint import SYSTEMATIC, Systematic, refine_jointly
 from evcalib.kinematics import BodyVelocities
 from evcalib.results import Calibration
 from evcalib.run import CalibrationRun, Gating, package_versions
@@ -28,9 +29,6 @@ REFINEMENTS = ("tracks", "none")
 
 STAGES = ("headings", "alignment", "refinement")
 
-LAG = Lag()
-"""What simulated recordings show; see notebook 06."""
-
 
 def calibrate(
     events: Events | Iterable[Events],
@@ -41,7 +39,7 @@ def calibrate(
     offset: float | None = None,
     camera_position: tuple[float, float, float] | None = None,
     refinement: str = "tracks",
-    lag: Lag = LAG,
+    systematic: Systematic = SYSTEMATIC,
     surface: str = "tos_ts",
     rate: float = 20.0,
     seed: int = 0,
@@ -71,8 +69,8 @@ def calibrate(
         from its origin moves otherwise than the origin; taken to be at it if not given.
     refinement : {"tracks", "none"}
         Whether to refine; ``none`` is the paper's chain.
-    lag : Lag
-        What is known of the trailing of corners; see `evcalib.joint`.
+    systematic : Systematic
+        Errors that all sightings share; see `evcalib.joint`.
     surface, rate, seed
         See `evcalib.estimate_headings`.
     on_stage : callable
@@ -104,12 +102,12 @@ def calibrate(
     final = aligned
     if refinement == "tracks":
         with _stage("refinement", on_stage, timings):
-            final = _refined(aligned, estimate, body, camera, max_offset, lag, tuple(lever))
+            final = _refined(aligned, estimate, body, camera, max_offset, systematic, tuple(lever))
     settings: dict[str, Any] = {
         **aligned.settings,
         "camera_position": None if camera_position is None else tuple(map(float, lever)),
         "refinement": refinement,
-        "lag": f"{lag.mean:g} +- {lag.sd:g} px, +- {1e3 * lag.time_sd:g} ms",
+        "systematic": asdict(systematic),
         "surface": surface,
         "rate": float(rate),
     }
@@ -130,7 +128,7 @@ def _refined(
     velocities: VelocitySeries,
     camera: Camera,
     max_offset: float,
-    lag: Lag,
+    systematic: Systematic,
     lever: tuple[float, ...],
 ) -> Calibration:
     """Return the calibration after the joint refinement, or as it was where there is none."""
@@ -140,7 +138,7 @@ def _refined(
     common: Mapping[str, Any] = {
         "focal": float(np.sqrt(camera.fx * camera.fy)),
         "max_offset": max_offset,
-        "lag": lag,
+        "systematic": systematic,
         "lever": lever,
     }
     start = (tracks, velocities, track, aligned.R_body_cam, aligned.offset)
