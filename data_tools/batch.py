@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import csv
 import io
+import math
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -62,11 +63,11 @@ class BatchResult:
         return rows
 
     def csv(self) -> str:
-        """Return the summary as CSV."""
+        """Return the summary as CSV; what is not known is empty."""
         out, rows = io.StringIO(), self.rows()
         writer = csv.DictWriter(out, list(rows[0]), lineterminator="\n")
         writer.writeheader()
-        writer.writerows(rows)
+        writer.writerows({name: _known(value) for name, value in row.items()} for row in rows)
         return out.getvalue()
 
     def text(self) -> str:
@@ -177,9 +178,12 @@ def _status(row: Mapping[str, Any]) -> str:
     return "determined" if row["rotation_observable"] else "no answer"
 
 
-def _default() -> Calibrate:
-    from importlib import import_module
+def _known(value: Any) -> Any:
+    return "" if isinstance(value, float) and math.isnan(value) else value
 
-    function: Calibrate = import_module("data_tools.calibrate_files").calibrate_files
-    # A run that was killed after its last file was written has no row: it is done again.
-    return partial(function, overwrite=True)
+
+def _default() -> Calibrate:
+    """Return the calibration of files, which replaces what a killed batch left of a recording."""
+    from data_tools.calibrate_files import calibrate_files
+
+    return partial(calibrate_files, overwrite=True)

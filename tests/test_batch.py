@@ -130,6 +130,7 @@ def test_failures_are_listed_and_the_others_unharmed(tmp_path):
     assert [r["status"] for r in rows] == ["determined", "failed", "no answer", "determined"]
     np.testing.assert_allclose(float(rows[0]["yaw_deg"]), np.degrees(0.3))
     assert float(rows[0]["offset_s"]) == 0.25
+    assert rows[1]["offset_s"] == ""
     assert "1 of 4 failed" in done.text()
     assert "broken: broken.raw is damaged" in done.text()
 

@@ -76,8 +76,10 @@ def open_pool(workers: int = 1, scheduler: str | None = None) -> Iterator[Pool]:
         pool = ProcessPool(workers)
         try:
             yield pool
-        finally:
+        except BaseException:
             pool.stop()
+            raise
+        pool.close()
 
 
 class SerialPool:
@@ -144,7 +146,12 @@ class ProcessPool:
     def stop(self) -> None:
         """End the processes; what they have not finished is lost."""
         self._near.close()
+        self.close()
+
+    def close(self) -> None:
+        """Let the processes end by themselves."""
         self._executor.shutdown(wait=True, cancel_futures=True)
+        self._near.close()
         self._far.close()
 
 
