@@ -139,8 +139,8 @@ class ProcessPool:
             self._executor.submit(os.getpid).result()
         except BrokenProcessPool:
             raise EvcalibError(
-                "no worker process can be started; in a script, what starts workers must stand"
-                " under `if __name__ == '__main__':`"
+                "no worker process can be started; in a script (a file), what starts workers must"
+                " stand under `if __name__ == '__main__':`"
             ) from None
 
     def stop(self) -> None:
