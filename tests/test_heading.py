@@ -73,16 +73,39 @@ def transformed(how, events, camera):
 @pytest.mark.parametrize("how", ["as it is", "reversed", "transposed", "mirrored"])
 def test_the_real_slider_moves_along_its_axis(slider, how):
     events, camera, truth, (start, end) = transformed(how, *slider)
-    off, found = errors(estimate_headings(events, camera), truth, start, end)
-    assert np.median(off) <= 1.0
+    estimate = estimate_headings(events, camera)
+    off, found = errors(estimate, truth, start, end)
+    # The true direction is known to about a degree; the headings agree with each other better.
+    assert np.median(off) <= 1.3
     assert np.percentile(off, 90) <= 2.5
     assert found >= 0.8
+    steady = (estimate.headings.t >= start) & (estimate.headings.t <= end)
+    off, _ = errors(estimate, estimate.headings.v[steady].mean(axis=0), start, end)
+    assert np.median(off) <= 0.6
+
+
+def test_the_real_slider_moves_back_as_it_came(slider):
+    """The tilt of its mount shows alike in both directions of time."""
+    mean = []
+    for how in ("as it is", "reversed"):
+        events, camera, _, (start, end) = transformed(how, *slider)
+        headings = estimate_headings(events, camera).headings
+        steady = (headings.t >= start) & (headings.t <= end)
+        mean.append(unit(headings.v[steady].mean(axis=0)))
+    assert np.degrees(angle_between(mean[0], -mean[1])) < 0.5
 
 
 @pytest.mark.parametrize("surface", [name for name in SURFACES if name != "tos_ts"])
 def test_every_surface_finds_the_real_direction(slider, surface):
     off, found = errors(estimate_headings(*slider, surface=surface), (1, 0, 0), 0.2)
     assert np.median(off) <= 1.5
+    assert found >= 0.8
+
+
+@pytest.mark.parametrize("localisation", ["corners", "images"])
+def test_every_localisation_finds_the_real_direction(slider, localisation):
+    off, found = errors(estimate_headings(*slider, localisation=localisation), (1, 0, 0), 0.2)
+    assert np.median(off) <= 1.3
     assert found >= 0.8
 
 
@@ -182,7 +205,8 @@ def test_correspondences_are_those_behind_the_headings(sideways):
     estimate = estimate_headings(sideways, SIMULATED, keep_correspondences=True)
     kept, headings = estimate.correspondences, estimate.headings
     assert set(kept.heading) <= set(range(len(headings)))
-    assert np.unique(kept.heading).size >= len(headings) - 1
+    # The outermost windows may have pairs of their neighbours' only.
+    assert np.unique(kept.heading).size >= len(headings) - 2
     assert np.all(np.diff(kept.heading) >= 0)
     assert np.all(kept.t2 > kept.t1)
     for r in (kept.r1, kept.r2):
@@ -265,7 +289,8 @@ def test_standing_still_and_noise_have_no_heading():
     x, y, t, p = (np.concatenate([np.ravel(f[i]) for f in flashes]) for i in range(4))
     order = np.argsort(t, kind="stable")
     still = Events.from_arrays(x[order], y[order], t[order], p[order], 120, 90)
-    estimate = estimate_headings(still, SMALL)
+    assert len(estimate_headings(still, SMALL).headings) == 0
+    estimate = estimate_headings(still, SMALL, localisation="corners")
     assert estimate.counts.keypoints > 500
     assert len(estimate.headings) == 0
     assert any("standing still" in gap.reason for gap in estimate.gaps)
@@ -326,6 +351,7 @@ def test_unusable_streams_are_refused(sideways):
     [
         {"surface": "sae"},
         {"detector": "fast"},
+        {"localisation": "centroid"},
         {"solver": "eight_point"},
         {"rate": 0},
         {"rate": np.nan},
