@@ -8,8 +8,16 @@ from pathlib import Path
 
 import numpy as np
 
-from data_tools.studies import Cell, Study
+from data_tools.studies import Cell, Study, run_study
 from evcalib.errors import InputError
+
+TRIALS, SEED = 12, 5
+
+
+def run(folder, study=None, **more):
+    """Run a study, the small one if none is given, in a folder."""
+    call = {"trials": TRIALS, "seed": SEED, "folder": folder, **more}
+    return run_study(study or small(), **call)
 
 
 def draw(parameters, seed):
@@ -53,6 +61,10 @@ def study(trial=draw, cells=3, name="small", **parameters):
     return Study(
         name, tuple(Cell(f"g{k}", {"scale": 1.0 + k, **parameters}) for k in range(cells)), trial
     )
+
+
+small = study
+"""The same function, for those who call a study `study`."""
 
 
 def kill_once_on_the_way(parameters, seed):
