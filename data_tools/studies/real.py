@@ -40,12 +40,12 @@ RIVALS = ("vc_wota", "vc", "cross_correlation", "cca")
 """Methods of :data:`evcalib.baselines.METHODS` that take headings and velocities."""
 
 
-def study(*, folder: str | Path | None = None) -> Study:
+def study(*, data: str | Path | None = None) -> Study:
     """Return the study on the sets that are there; one trial says all.
 
     Parameters
     ----------
-    folder : str or Path, optional
+    data : str or Path, optional
         Folder of ``calib_data_time_{2,3,4,5}traj.npz``, or some of them; fetched if not given.
 
     Raises
@@ -53,7 +53,7 @@ def study(*, folder: str | Path | None = None) -> Study:
     InputError
         If there is no set, or it cannot be fetched.
     """
-    home = _fetched() if folder is None else Path(folder)
+    home = _fetched() if data is None else Path(data)
     found = [count for count in FINGERS if (home / _file(count)).is_file()]
     if not found:
         raise InputError(f"{home} holds none of {', '.join(map(_file, FINGERS))}")
