@@ -17,7 +17,7 @@ from evcalib._joint_fit import Problem, begin, covariance_of, follow, solve, ste
 from evcalib.kernels import track as track_kernel
 from evcalib.offset import MIN_OVERLAP, OffsetCurve, candidate_offsets, second_peak_ratio
 from evcalib.series import VelocitySeries
-from evcalib.track import VelocityTrack
+from evcalib.track import VelocityTrack, smoothed
 from evcalib.tracks import Tracks
 
 Floats = NDArray[np.float64]
@@ -219,11 +219,12 @@ def refine_jointly(
 def world_motion(velocities: VelocitySeries, track: VelocityTrack) -> tuple[NDArray, ...]:
     """Return time, velocity in the world, its slope and integral, yaw and segment, per sample.
 
-    The world's axes are the body's at the first sample.
+    The world's axes are the body's at the first sample.  The yaw rate is smoothed as the velocity
+    was: noise of the odometry roughens the loss as a function of the offset.
     """
     yaw = np.zeros(track.t.size)
     if velocities.yaw_rate is not None:
-        rate = velocities.yaw_rate
+        rate = smoothed(track, velocities.yaw_rate[:, None])[:, 0]
         yaw[1:] = np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(track.t))
     c, s = np.cos(yaw), np.sin(yaw)
     x, y, z = track.v.T

@@ -147,6 +147,20 @@ def velocity_track(
     )
 
 
+def smoothed(track: VelocityTrack, values: Floats) -> Floats:
+    """Return up to three columns of values at the track's times, smoothed as its velocity was.
+
+    They come back as they are if the track was not smoothed.
+    """
+    if track.v is track.raw:
+        return values
+    columns = np.zeros((len(values), 3))
+    columns[:, : values.shape[1]] = values
+    noise = white_noise(columns, track.segment)
+    out = kernel.smooth(track.t, columns, track.segment, SMOOTHING, noise, SMOOTHING_GATE)
+    return np.asarray(out[:, : values.shape[1]])
+
+
 def _top_speed(speed: Floats) -> float:
     """Return the 90 % quantile [m/s] of the speeds that are not those of standing still."""
     usual = float(np.quantile(speed, 0.95, method="lower"))
