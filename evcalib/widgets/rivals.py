@@ -1,0 +1,172 @@
+"""Choose a motion and what spoils it, and see every method cope with the same streams."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Callable, Sequence
+from typing import Protocol
+
+import ipywidgets as widgets
+import numpy as np
+from numpy.typing import NDArray
+
+from evcalib.baselines import METHODS, RivalInput, calibrate_with
+from evcalib.errors import EvcalibError, InputError
+from evcalib.geometry import rotation_angle
+from evcalib.plots import style
+from evcalib.plots.rivals import draw_errors, draw_paths
+from evcalib.results import Calibration
+
+MIN_NOISE, MAX_NOISE = 0.02, 0.3
+"""Range of the noise slider: standard deviation of the headings per axis [rad]."""
+MAX_DRIFT = 20
+"""Range of the drift slider: slow error of the odometry, as a share of its speed [%]."""
+
+
+class Trial(Protocol):
+    """Streams and trajectories of one drive, with what is true of them."""
+
+    @property
+    def given(self) -> RivalInput: ...  # noqa: D102
+
+    @property
+    def R_body_cam(self) -> NDArray[np.float64]: ...  # noqa: D102
+
+    @property
+    def offset(self) -> float: ...  # noqa: D102
+
+    @property
+    def path(self) -> NDArray[np.float64]: ...  # noqa: D102
+
+
+class RivalPanel(widgets.VBox):
+    """Motion, noise, drift and method against the errors of all methods.
+
+    The sliders act when they are released, since each move runs every method again.
+
+    Parameters
+    ----------
+    make : callable
+        Makes a trial: ``make(kind, noise, drift)``, noise in rad, drift as a share of the speed.
+    kinds : sequence of str
+        Motions to choose from.
+    methods : sequence of str
+        Keys of :data:`evcalib.baselines.METHODS`.
+    """
+
+    def __init__(
+        self,
+        make: Callable[[str, float, float], Trial],
+        kinds: Sequence[str],
+        methods: Sequence[str] = tuple(METHODS),
+    ) -> None:
+        if not kinds or not methods:
+            raise InputError("at least one motion and one method are needed")
+        self._make = make
+        self._methods = tuple(methods)
+        self.motion = widgets.Dropdown(options=list(kinds), description="motion")
+        self.method = widgets.Dropdown(options=list(methods), description="method")
+        self.noise = widgets.FloatSlider(
+            value=0.1,
+            min=MIN_NOISE,
+            max=MAX_NOISE,
+            step=0.02,
+            description="noise [rad]",
+            readout_format=".2f",
+            continuous_update=False,
+        )
+        self.drift = widgets.IntSlider(
+            value=2, max=MAX_DRIFT, step=2, description="drift [%]", continuous_update=False
+        )
+        self.picture = widgets.Image(format="png")
+        self.numbers = widgets.HTML()
+        for control in (self.motion, self.noise, self.drift):
+            control.observe(lambda change: self._drive(), names="value")
+        self.method.observe(lambda change: self._draw(), names="value")
+        first = widgets.HBox([self.motion, self.method])
+        second = widgets.HBox([self.noise, self.drift])
+        super().__init__([first, second, self.picture, self.numbers])
+        self._drive()
+
+    def _drive(self) -> None:
+        """Make new streams and run every method on them."""
+        self.trial = self._make(self.motion.value, self.noise.value, self.drift.value / 100)
+        self.found: dict[str, Calibration] = {}
+        self.failures: dict[str, str] = {}
+        for name in self._methods:
+            try:
+                self.found[name] = calibrate_with(name, self.trial.given)
+            except EvcalibError as error:
+                self.failures[name] = str(error)
+        self._draw()
+
+    def _draw(self) -> None:
+        self.picture.value = self.draw()
+        self.numbers.value = self.table()
+
+    def errors(self) -> dict[str, float]:
+        """Return the rotation error of each method [deg]; NaN where it failed."""
+        true = self.trial.R_body_cam
+        return {
+            name: float(np.degrees(rotation_angle(self.found[name].R_body_cam, true)))
+            if name in self.found
+            else np.nan
+            for name in self._methods
+        }
+
+    def draw(self) -> bytes:
+        """Return the paths as the chosen method places them, and all errors, as a PNG picture."""
+        given, chosen = self.trial.given, self.method.value
+        figure = style.new_figure((9.4, 3.8))
+        with style.context():
+            left, right = figure.subplots(1, 2, width_ratios=(5, 4))
+            if given.body_poses is not None and given.camera_poses is not None:
+                draw_paths(
+                    left,
+                    given.body_poses,
+                    given.camera_poses,
+                    self.found.get(chosen),
+                    true=self.trial.path,
+                )
+            draw_errors(right, self.errors(), chosen=chosen)
+            figure.legend(*left.get_legend_handles_labels(), loc="outside upper left", ncols=3)
+        return style.png(figure)
+
+    def table(self) -> str:
+        """Return errors and what each method states about them as HTML, the chosen one in bold."""
+        rows = [_row("th", ["", "rotation [deg]", "offset [ms]", "states"])]
+        for name, error in self.errors().items():
+            if name in self.found:
+                found = self.found[name]
+                off = 1000 * (found.offset - self.trial.offset)
+                cells = [name, f"{error:.2f}", f"{off:+.0f}", _stated(found)]
+            else:
+                cells = [name, "-", "-", self.failures[name]]
+            cells = [html.escape(cell) for cell in cells]
+            rows.append(_row("td", cells, bold=name == self.method.value))
+        return f"errors: <table>{''.join(rows)}</table>"
+
+
+def _stated(found: Calibration) -> str:
+    """Return a method's own words about its uncertainty."""
+    if not np.isfinite(found.rotation_sd):
+        return "nothing"
+    rotation = f"rotation sd {np.degrees(found.rotation_sd):.2f} deg"
+    if not found.rotation_observable:
+        rotation = "rotation not determined"
+    if not found.offset_observable:
+        return f"{rotation}, offset not determined"
+    return f"{rotation}, offset sd {1000 * found.offset_sd:.0f} ms"
+
+
+def _row(kind: str, cells: Sequence[str], *, bold: bool = False) -> str:
+    words = [f"<b>{cell}</b>" if bold else cell for cell in cells]
+    aligns = ("left", "right", "right", "left")
+    return (
+        "<tr>"
+        + "".join(
+            f"<{kind} style='padding:1px 10px; text-align:{align}'>{word}</{kind}>"
+            for word, align in zip(words, aligns, strict=True)
+        )
+        + "</tr>"
+    )
