@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from evcalib._heading_fit import Matches
+from evcalib._matches import Matches
 
 Floats = NDArray[np.float64]
 

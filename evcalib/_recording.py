@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from evcalib._heading_fit import MAX_STEPS, Fit, Matches
+from evcalib._heading_fit import Fit
 from evcalib._keyframes import Keyframe
+from evcalib._matches import MAX_STEPS, Matches
 from evcalib.events import Events
 from evcalib.surface_quality import grey
 

@@ -9,19 +9,10 @@ import numpy as np
 
 from evcalib import _check
 from evcalib._correspondences import CorrespondenceKeeper, Correspondences
-from evcalib._heading_fit import (
-    MAX_STEPS,
-    NOT_NEWER,
-    SOLVERS,
-    TOO_FEW,
-    Fit,
-    FitOptions,
-    Matches,
-    fit,
-    match_keyframes,
-)
+from evcalib._heading_fit import NOT_NEWER, SOLVERS, TOO_FEW, Fit, FitOptions, fit
 from evcalib._heading_result import Found, Gap, HeadingEstimate, collected
 from evcalib._keyframes import LOCALISATIONS, Counts, Keyframe, KeyframeMaker
+from evcalib._matches import MAX_STEPS, Matches, match_keyframes
 from evcalib._recording import EventRate, RateCounter, Snapshot, SnapshotKeeper
 from evcalib.camera import Camera
 from evcalib.corners import DETECTORS

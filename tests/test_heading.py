@@ -14,8 +14,9 @@ from data_tools.events_text import load_events_text
 from data_tools.scenes import furnished_room
 from data_tools.simulator import Simulator, simulate_translation
 from data_tools.trajectory import Trajectory
-from evcalib._heading_fit import MAX_STEPS, FitOptions, Matches, fit
+from evcalib._heading_fit import FitOptions, fit
 from evcalib._keyframes import BearingTable
+from evcalib._matches import MAX_STEPS, Matches
 from evcalib.camera import Camera
 from evcalib.errors import InputError
 from evcalib.events import Events

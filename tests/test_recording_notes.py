@@ -12,7 +12,7 @@ from data_tools.scenes import furnished_room
 from data_tools.simulator import FORWARD, Simulator, Trajectory
 from evcalib import Camera, Events, estimate_headings
 from evcalib import _recording as recording
-from evcalib._heading_fit import MAX_STEPS, Matches
+from evcalib._matches import MAX_STEPS, Matches
 from evcalib.geometry import angle_between
 from evcalib.heading import HeadingEstimator
 
