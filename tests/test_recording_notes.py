@@ -119,6 +119,11 @@ def test_a_recording_keeps_its_notes(drive):
     assert shot.image1.shape == shot.image2.shape == (120, 160)
     assert shot.image1.dtype == np.uint8
     assert 0.4 < shot.t1 < shot.t2 < 2.1
+    # Matches are measured at the centroids of patches, which lie about the corners.
+    for matched, corners in ((shot.xy1, shot.corners1), (shot.xy2, shot.corners2)):
+        apart = np.linalg.norm(matched[:, None] - corners, axis=2).min(axis=1)
+        assert apart.max() < 12
+    shot = estimate_headings(events, camera, localisation="corners").snapshot
     for matched, corners in ((shot.xy1, shot.corners1), (shot.xy2, shot.corners2)):
         assert {tuple(xy) for xy in matched} <= {tuple(xy) for xy in corners}
 
