@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,8 @@ from evcalib.kernels import joint as kernel
 from evcalib.tracks import Tracks
 
 Floats = NDArray[np.float64]
+
+OFFSET, LAG, SPIN = 3, kernel.LAG, kernel.SPIN
 
 REACH = 5.0
 """Reach of the loss in standard deviations of a sighting, per axis."""
@@ -26,14 +28,24 @@ PASSES = 40
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """What stays the same in a fit; lengths in radians."""
+    """What stays the same in a fit; lengths in radians, times in seconds.
+
+    `group` numbers the stretch of time that each track starts in; `spin_sd` is how far the yaw
+    rate of the odometry may be off over a track.
+    """
 
     tracks: Tracks
+    group: NDArray[np.int64]
     motion: tuple[NDArray, ...]
     lever: tuple[float, float, float]
     slowest: float
     lag: float
     lag_sd: float
+    spin_sd: float
+
+    def part(self, tracks: Tracks) -> Problem:
+        """Return the same problem for other tracks."""
+        return replace(self, tracks=tracks, group=tracks.group)
 
 
 @dataclass(eq=False)
@@ -43,6 +55,7 @@ class Fit:
     R: Floats
     offset: float
     lag: float
+    spin: Floats
     reach: float
     residuals: Floats
     weights: Floats
@@ -55,36 +68,72 @@ class Fit:
 
 
 def begin(problem: Problem, R: Floats, offset: float, reach: float) -> Fit:
+    """Return the unknowns to start from."""
     n, k = int(problem.tracks.first[-1]), len(problem.tracks)
+    groups = int(problem.group[-1]) + 1
     return Fit(
         R=np.ascontiguousarray(R),
         offset=offset,
         lag=problem.lag,
+        spin=np.zeros(groups),
         reach=reach,
         residuals=np.zeros((n, 2)),
         weights=np.zeros(n),
         distances=np.zeros(k),
         scores=np.zeros((k, kernel.UNKNOWNS)),
         losses=np.zeros(k),
-        information=np.zeros((kernel.UNKNOWNS, kernel.UNKNOWNS)),
+        information=np.zeros((groups, kernel.UNKNOWNS, kernel.UNKNOWNS)),
     )
 
 
 def follow(problem: Problem, fit: Fit) -> None:
     """Run over all tracks with the unknowns as they are."""
+    tracks = problem.tracks
     fit.information = kernel.follow(
-        problem.tracks.arrays,
+        (tracks.first, problem.group, tracks.r1, tracks.r2, tracks.t1, tracks.t2),
         fit.R,
-        (fit.offset, fit.lag),
+        (fit.offset, fit.lag, fit.spin),
         problem.motion,
         (fit.reach, problem.slowest, problem.lever),
         (fit.residuals, fit.weights, fit.distances, fit.scores, fit.losses),
     )
 
 
+@dataclass(frozen=True, eq=False)
+class _Reduced:
+    """The equations without the spins, which are solved for group by group (Schur complement).
+
+    `information` (5, 5) and `scores` (groups, 5) of the other unknowns, the lag's prior left out;
+    `gain` (groups, 5) and `own` (groups,) give a group's spin: -own - gain . change.
+    """
+
+    information: Floats
+    scores: Floats
+    gain: Floats
+    own: Floats
+
+    @classmethod
+    def of(cls, problem: Problem, fit: Fit) -> _Reduced:
+        scores = np.zeros((fit.spin.size, kernel.UNKNOWNS))
+        np.add.at(scores, problem.group, fit.scores)
+        # Sightings of one corner share their error: a track counts once.
+        weight = problem.tracks.length.mean() * (max(fit.noise, 1e-6) / problem.spin_sd) ** 2
+        across = fit.information[:, :SPIN, SPIN]
+        inside = fit.information[:, SPIN, SPIN] + weight
+        own = (scores[:, SPIN] + weight * fit.spin) / inside
+        gain = across / inside[:, None]
+        return cls(
+            information=fit.information[:, :SPIN, :SPIN].sum(axis=0) - gain.T @ across,
+            scores=scores[:, :SPIN] - own[:, None] * across,
+            gain=gain,
+            own=own,
+        )
+
+
 def step(problem: Problem, fit: Fit, free: NDArray[np.bool_]) -> Floats | None:
     """Take a Gauss-Newton step in the free unknowns; return it, or None if they are not fixed."""
-    information, score = _posterior(problem, fit)
+    reduced = _Reduced.of(problem, fit)
+    information, score = _posterior(problem, fit, reduced)
     chosen = np.ix_(free, free)
     scale = np.sqrt(np.maximum(np.diag(information)[free], 1e-300))
     values, vectors = np.linalg.eigh(information[chosen] / np.outer(scale, scale))
@@ -92,20 +141,21 @@ def step(problem: Problem, fit: Fit, free: NDArray[np.bool_]) -> Floats | None:
         return None
     known = values > 1e-6 * values[-1]
     part = vectors[:, known]
-    change = np.zeros(kernel.UNKNOWNS)
+    change = np.zeros(SPIN)
     change[free] = -(part @ ((part.T @ (score[free] / scale)) / values[known])) / scale
     fit.R = rotation_vector_to_matrix(change[:3]) @ fit.R
-    fit.offset += float(change[3])
-    fit.lag += float(change[4])
+    fit.offset += float(change[OFFSET])
+    fit.lag += float(change[LAG])
+    fit.spin -= reduced.own + reduced.gain @ change
     return change
 
 
-def _posterior(problem: Problem, fit: Fit) -> tuple[Floats, Floats]:
+def _posterior(problem: Problem, fit: Fit, reduced: _Reduced) -> tuple[Floats, Floats]:
     """Return information and score with the lag's prior."""
-    information, score = fit.information.copy(), fit.scores.sum(axis=0)
+    information, score = reduced.information.copy(), reduced.scores.sum(axis=0)
     weight = (max(fit.noise, 1e-6) / problem.lag_sd) ** 2
-    information[4, 4] += weight
-    score[4] += weight * (fit.lag - problem.lag)
+    information[LAG, LAG] += weight
+    score[LAG] += weight * (fit.lag - problem.lag)
     return information, score
 
 
@@ -133,7 +183,7 @@ def solve(
         change = step(problem, fit, free)
         if change is None:
             return None
-        small = bool(np.abs(change[:3]).max() < 1e-5 and abs(change[3]) < 1e-4)
+        small = bool(np.abs(change[:3]).max() < 1e-5 and abs(change[OFFSET]) < 1e-4)
         if k >= 3 and small:
             wanted = float(np.clip(REACH * fit.noise, 0.25 * widest, widest))
             fit.converged = wanted > 0.9 * fit.reach
@@ -147,21 +197,24 @@ def solve(
 
 def covariance_of(problem: Problem, fit: Fit, free: NDArray[np.bool_]) -> tuple[Floats, float]:
     """Return the covariance (5, 5) and how many stretches of motion count as independent."""
-    information, _ = _posterior(problem, fit)
+    reduced = _Reduced.of(problem, fit)
+    information, _ = _posterior(problem, fit, reduced)
     start = problem.tracks.start
-    row = ((start - start.min()) / BIN).astype(np.int64)
-    sums = np.zeros((int(row.max()) + 1, kernel.UNKNOWNS))
-    np.add.at(sums, row, fit.scores)
+    place = np.zeros(fit.spin.size)
+    place[problem.group] = start - start[0]
+    row = (place / BIN).astype(np.int64)
+    sums = np.zeros((int(row.max()) + 1, SPIN))
+    np.add.at(sums, row, reduced.scores)
     scatter = sums.T @ sums
     width = round(MEMORY / BIN)
     for lag in range(1, min(width, len(sums))):
         across = sums[lag:].T @ sums[:-lag]
         scatter += (1.0 - lag / width) * (across + across.T)
-    scatter[4, 4] += (fit.noise**2 / problem.lag_sd) ** 2
+    scatter[LAG, LAG] += (fit.noise**2 / problem.lag_sd) ** 2
     samples = max(np.count_nonzero(sums.any(axis=1)) * BIN / MEMORY, 1.0)
     # Four unknowns were fitted to two numbers, a direction, per stretch.
     lost = max(1.0 - 2.0 / samples, 0.25)
-    inverse = np.zeros((kernel.UNKNOWNS, kernel.UNKNOWNS))
+    inverse = np.zeros((SPIN, SPIN))
     inverse[np.ix_(free, free)] = np.linalg.pinv(
         information[np.ix_(free, free)], rcond=1e-12, hermitian=True
     )

@@ -7,7 +7,7 @@ turns of the motion show the offset, but every change of speed.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,7 @@ from evcalib._joint_fit import Problem, begin, covariance_of, follow, solve, ste
 from evcalib.kernels import track as track_kernel
 from evcalib.offset import MIN_OVERLAP, OffsetCurve, candidate_offsets, second_peak_ratio
 from evcalib.series import VelocitySeries
-from evcalib.track import VelocityTrack, smoothed
+from evcalib.track import VelocityTrack, smoothed, white_noise
 from evcalib.tracks import Tracks
 
 Floats = NDArray[np.float64]
@@ -34,11 +34,20 @@ WIDEST = 2.0
 SLOWEST = 2.0
 """Flow [px/s] below which a corner has no direction to trail along."""
 
+NO_YAW_RATE = 0.005
+"""Yaw rate [rad/s] that a body may have where the odometry tells none."""
+
+USUAL_SPAN = 0.4
+"""Usual time from the first to the last sighting of a corner [s]."""
+
 FEWEST = 50
 """Tracks without which there is no joint refinement."""
 
 STRETCH = 0.5
 """Losses are compared over stretches of time [s]."""
+
+NEAR = np.arange(-12, 13) * 0.01
+"""Offsets [s] around the optimum at which its sharpness is measured."""
 
 GATE = 2.0
 """Standard errors within which another offset fits as well."""
@@ -56,12 +65,15 @@ class Systematic:
         Standard deviation of what remains as a delay [s], whatever the flow.
     rotation_sd : float
         Standard deviation of what remains as a rotation, per axis [rad].
+    spin_sd : float
+        Standard deviation of the yaw rate that the odometry does not tell [rad/s], besides noise.
     """
 
     lag: float = 0.0
     lag_sd: float = 0.1
     time_sd: float = 0.001
     rotation_sd: float = float(np.radians(0.06))
+    spin_sd: float = 0.001
 
 
 SYSTEMATIC = Systematic()
@@ -134,7 +146,9 @@ def refine_jointly(
 
     Each sighting has its own time, the odometry is integrated from the first sighting to it, its
     yaw included, and the distance of each corner is solved for along with the rest.  The loss is
-    Tukey's.  The trailing of corners along their flow is estimated too, with a prior.
+    Tukey's.  Two nuisances are estimated too, with priors: how far corners trail along their flow,
+    and how far the odometry's yaw rate is off, every 50 ms anew, so that its noise does not pass
+    for motion.
 
     Parameters
     ----------
@@ -180,16 +194,18 @@ def refine_jointly(
         return None
     problem = Problem(
         tracks,
+        tracks.group,
         world_motion(velocities, track),
         lever,
         SLOWEST / focal,
         systematic.lag / focal,
         systematic.lag_sd / focal,
+        float(np.hypot(yaw_rate_error(velocities, track), systematic.spin_sd)),
     )
     free = np.array([True, True, True, estimate_offset, True])
     widest, search = WIDEST / focal, None
     if estimate_offset:
-        search = _search(problem, R_body_cam, candidate_offsets(max_offset), widest)
+        search = _search(problem, R_body_cam, candidate_offsets(max_offset)[::2], widest)
         if search is None:
             return None
         offset = float(search.offsets[np.nanargmin(search.mean)])
@@ -198,7 +214,10 @@ def refine_jointly(
         return None
     covariance, samples = covariance_of(problem, fit, free)
     covariance[:3, :3] += systematic.rotation_sd**2 * np.eye(3)
-    covariance[3, 3] += systematic.time_sd**2 if estimate_offset else 0.0
+    if search is not None:
+        near = _search(problem, fit.R, np.asarray(fit.offset + NEAR), fit.reach)
+        sd = 0.0 if near is None else near.half_width(fit.offset) / (2 * GATE)
+        covariance[3, 3] = max(covariance[3, 3], sd**2) + systematic.time_sd**2
     return JointRefinement(
         R_body_cam=fit.R,
         offset=fit.offset,
@@ -231,6 +250,14 @@ def world_motion(velocities: VelocitySeries, track: VelocityTrack) -> tuple[NDAr
     v = np.stack([c * x - s * y, s * x + c * y, z], axis=1)
     slope, path = track_kernel.slopes(track.t, v), track_kernel.integrate(track.t, v, track.segment)
     return track.t, v, slope, path, yaw, track.segment
+
+
+def yaw_rate_error(velocities: VelocitySeries, track: VelocityTrack) -> float:
+    """Return the standard deviation of the mean yaw rate over a usual track [rad/s]."""
+    if velocities.yaw_rate is None:
+        return NO_YAW_RATE
+    noise = float(white_noise(velocities.yaw_rate[:, None], track.segment)[0])
+    return noise * float(np.sqrt(np.median(np.diff(velocities.t)) / USUAL_SPAN))
 
 
 @dataclass(frozen=True, eq=False)
@@ -268,16 +295,21 @@ class _Search:
         good = total <= GATE * np.sqrt(2.0 * spread)
         return self.offsets[good & np.isfinite(self.mean)]
 
+    def half_width(self, offset: float) -> float:
+        """Return how far candidates that fit as well lie from `offset`, either way on average."""
+        good = self.as_good(offset)
+        step = float(self.offsets[1] - self.offsets[0])
+        return 0.5 * max(float(np.ptp(good)) - step, 0.0) if good.size else 0.0
+
 
 def _search(problem: Problem, R: Floats, offsets: Floats, widest: float) -> _Search | None:
-    """Follow some tracks at every second candidate, each time with the best rotation."""
+    """Follow some tracks at each candidate, with the best rotation there."""
     tracks, t = problem.tracks.thinned(MOST_SEARCHED), problem.motion[0]
-    offsets = offsets[::2]
     covered = np.add.outer(tracks.start, offsets) >= t[0]
     covered &= np.add.outer(tracks.end, offsets) <= t[-1]
     if covered.sum(axis=0).max() < FEWEST:
         return None
-    part, free = replace(problem, tracks=tracks), np.array([True, True, True, False, False])
+    part, free = problem.part(tracks), np.array([True, True, True, False, False])
     losses = np.full(covered.shape, np.nan)
     for k, offset in enumerate(offsets):
         if not covered[:, k].any():

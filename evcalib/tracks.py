@@ -15,6 +15,10 @@ SHORTEST = 2
 """Fewest sightings after the first: two displacements of one corner can be compared."""
 
 
+STRETCH = 0.05
+"""Tracks that start within so much time [s] form a group."""
+
+
 @dataclass(frozen=True, eq=False)
 class Tracks:
     """Corners at a first time and at later ones.
@@ -39,9 +43,11 @@ class Tracks:
         return int(self.first.size) - 1
 
     @property
-    def arrays(self) -> tuple[NDArray[np.int64], Floats, Floats, Floats, Floats]:
-        """What the kernel takes."""
-        return self.first, self.r1, self.r2, self.t1, self.t2
+    def group(self) -> NDArray[np.int64]:
+        """Number of the stretch of time that each starts in, from 0, shape (k,)."""
+        if not len(self):
+            return np.empty(0, dtype=np.int64)
+        return np.asarray((self.start - self.start[0]) / STRETCH, dtype=np.int64)
 
     @property
     def length(self) -> NDArray[np.int64]:

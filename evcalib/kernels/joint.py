@@ -6,10 +6,11 @@ distance rho, it is seen along b - rho d: on the plane that touches the sphere a
 
     y = -rho a / (1 - rho z),   a = e . d (two axes e across b),   z = b . d.
 
-A corner trails its true place by the lag along its flow.  The anchor's own error shifts all
+A corner trails its true place by the lag along its flow.  The odometry's yaw rate is wrong by a
+spin, for all tracks of a group the same.  The anchor's own error shifts all
 sightings of a track alike: this mean is taken off, and the inverse distance solved for, track by
-track (variable projection, Golub and Pereyra 1973).  What is left depends on rotation, offset and
-lag alone.
+track (variable projection, Golub and Pereyra 1973).  What is left depends on rotation, offset,
+lag and spin.
 """
 
 import math
@@ -19,15 +20,17 @@ import numpy as np
 from evcalib.kernels._jit import jit
 from evcalib.kernels.epipolar import cross, dot
 
-UNKNOWNS = 5
-"""Rotation vector in the body frame [rad] (3), offset [s], lag [rad]."""
+UNKNOWNS = 6
+"""Rotation vector in the body frame [rad] (3), offset [s], lag [rad], spin [rad/s]."""
+
+LAG, SPIN = 4, 5
 
 NEAREST = 0.2
 """Points that come nearer than this part of their first distance are not followed."""
 
-VALUE, FLOW = 0, 5
-"""Columns of what a sighting holds: the value, derivatives by rotation (1 to 3) and offset (4), and
-the change with time, along which the corner flows."""
+VALUE, BY_SPIN, FLOW = 0, 5, 6
+"""Columns of what a sighting holds: the value, derivatives by rotation (1 to 3), offset (4) and
+spin (5), and the change with time, along which the corner flows."""
 
 STEPS, FORGIVING, AGAIN = 8, 2, 3
 """Steps of a track's own fit, of which the first ones forgive outliers; and steps from an earlier
@@ -108,23 +111,25 @@ def _axes(b):
 
 
 @jit
-def _sighting(before, after, ray, camera, lever, a, z, y, dy):
+def _sighting(before, after, span, ray, camera, lever, a, z, y, dy):
     """Fill in where a corner is seen, and the displacement in the same terms.
 
     before, after : position, velocity, yaw and yaw rate of the body, see `_state`.
+    span : (time between them [s], spin [rad/s]).
     ray : bearing at t2 in the body frame of t2.
     camera : (R, b, e), rotation, bearing of the anchor, and axes across it.
-    a, z : (6, 2) and (6,), displacement across and along b, in columns as above.
-    y, dy : (2,) and (5, 2), the sighting and its derivatives (columns 1 to 4).
+    a, z : (7, 2) and (7,), displacement across and along b, in columns as above.
+    y, dy : (2,) and (6, 2), the sighting and its derivatives (columns 1 to 5).
 
     Returns whether the corner is in front.
     """
     R, b, e = camera
     p1, _, yaw1, rate1 = before
     p2, v2, yaw2, rate2 = after
-    psi = yaw2 - yaw1
+    time, spin = span
+    psi = yaw2 - yaw1 + time * spin
     arm = _about_z(psi, lever)
-    path = _about_z(-yaw1, _minus(p2, p1))
+    path = _about_z(0.5 * time * spin - yaw1, _minus(p2, p1))
     change = _sum(_about_z(-yaw1, _minus(v2, before[1])), _across_z(-rate1, path))
     change = _sum(change, _across_z(rate2 - rate1, arm))
     D = _sum(path, _minus(arm, lever))
@@ -142,6 +147,7 @@ def _sighting(before, after, ray, camera, lever, a, z, y, dy):
         (-D[2], 0.0, D[0]),
         (D[1], -D[0], 0.0),
         change,
+        _sum(_across_z(0.5 * time, path), _across_z(time, arm)),
         _sum(_about_z(-yaw1, v2), _across_z(rate2, arm)),
     )
     turned = (
@@ -150,12 +156,13 @@ def _sighting(before, after, ray, camera, lever, a, z, y, dy):
         cross((-s, c, 0.0), seen_by_body),
         none,
         _across_z(rate2 - rate1, seen_by_body),
+        _across_z(time, seen_by_body),
         none,
     )
-    for k in range(6):
+    for k in range(7):
         d, h = _to_camera(R, moved[k]), _to_camera(R, turned[k])
         a[k, 0], a[k, 1], z[k] = dot(e[0], d), dot(e[1], d), dot(b, d)
-        if k < 5:
+        if k < 6:
             along = dot(b, h)
             dy[k, 0] = (dot(e[0], h) - y[0] * along) / depth
             dy[k, 1] = (dot(e[1], h) - y[1] * along) / depth
@@ -235,22 +242,23 @@ def _fit(m, rho, steps, sighted, lag, reach, slowest, work):
 
 @jit
 def _derivatives(m, rho, sighted, dy, work, totals, J):
-    """Fill in the residuals' derivatives J (m, 5, 2), less their share in mean and distance."""
+    """Fill in the residuals' derivatives J (m, 6, 2), less their share in mean and distance."""
     a, z, _, _ = sighted
     w, _, g, flow = work
     weight, information = totals
     for k in range(UNKNOWNS):
+        column = BY_SPIN if k == SPIN else k + 1
         mean = np.zeros(2)
         for i in range(m):
             s = max(1.0 - rho * z[i, VALUE], NEAREST)
             for c in range(2):
-                if k == 4:
+                if k == LAG:
                     J[i, k, c] = flow[i, c]
                 else:
                     J[i, k, c] = (
-                        dy[i, k + 1, c]
-                        + rho * a[i, k + 1, c] / s
-                        + rho * rho * a[i, VALUE, c] * z[i, k + 1] / (s * s)
+                        dy[i, column, c]
+                        + rho * a[i, column, c] / s
+                        + rho * rho * a[i, VALUE, c] * z[i, column] / (s * s)
                     )
                 mean[c] += w[i] * J[i, k, c] / weight
         share = 0.0
@@ -265,31 +273,31 @@ def _derivatives(m, rho, sighted, dy, work, totals, J):
 
 @jit
 def follow(tracks, R, unknowns, motion, options, out):
-    """Follow all tracks; return the information (5, 5) of the unknowns.
+    """Follow all tracks; return the information of the unknowns in each group, (groups, 6, 6).
 
-    tracks : (first, r1, r2, t1, t2); rows first[k] to first[k + 1] are sightings of one corner at
-        r1[i], t1[i], the same for all of a track, seen at r2[i], t2[i].
-    unknowns : (offset [s], lag [rad]).
+    tracks : (first, group, r1, r2, t1, t2); rows first[k] to first[k + 1] are sightings of one
+        corner at r1[i], t1[i], the same for all of a track, seen at r2[i], t2[i].
+    unknowns : (offset [s], lag [rad], spin of each group (groups,) [rad/s]).
     motion : (t, v, slope, path, yaw, segment) in the world.
     options : (reach of the loss [rad], slowest flow with a direction [rad/s], camera in the body
         frame (3) [m]).
-    out : (residuals (n, 2) [rad], weights (n,), inverse distances (tracks,), scores (tracks, 5),
+    out : (residuals (n, 2) [rad], weights (n,), inverse distances (tracks,), scores (tracks, 6),
         losses (tracks,) [rad^2]).  Where a distance is positive, the track's fit starts from it and
         from the weights.  Weights and scores of what cannot be followed are zero; its loss is that
         of outliers.
     """
-    first, r1, r2, t1, t2 = tracks
+    first, group, r1, r2, t1, t2 = tracks
     t, segment = motion[0], motion[5]
     reach, slowest, lever = options
     residuals, weights, distances, scores, losses = out
     most = 1
     for k in range(first.size - 1):
         most = max(most, first[k + 1] - first[k] + 1)
-    a, z, y = np.zeros((most, 6, 2)), np.zeros((most, 6)), np.zeros((most, 2))
-    dy, J = np.zeros((most, 5, 2)), np.zeros((most, UNKNOWNS, 2))
+    a, z, y = np.zeros((most, 7, 2)), np.zeros((most, 7)), np.zeros((most, 2))
+    dy, J = np.zeros((most, 6, 2)), np.zeros((most, UNKNOWNS, 2))
     known, w = np.zeros(most), np.zeros(most)
     e, g, flow = np.zeros((most, 2)), np.zeros((most, 2)), np.zeros((most, 2))
-    total = np.zeros((UNKNOWNS, UNKNOWNS))
+    total = np.zeros((unknowns[2].size, UNKNOWNS, UNKNOWNS))
     start, end = 0, 0
     for k in range(first.size - 1):
         low, m = first[k], first[k + 1] - first[k] + 1
@@ -307,7 +315,7 @@ def follow(tracks, R, unknowns, motion, options, out):
         b = r1[low]
         camera = (R, b, _axes(b))
         own = (dot(R[0], b), dot(R[1], b), dot(R[2], b))
-        _sighting(before, before, own, camera, lever, a[0], z[0], y[0], dy[0])
+        _sighting(before, before, (0.0, 0.0), own, camera, lever, a[0], z[0], y[0], dy[0])
         known[0] = w[0] = 1.0
         seen = 0
         for i in range(1, m):
@@ -320,7 +328,8 @@ def follow(tracks, R, unknowns, motion, options, out):
                 continue
             ray = (dot(R[0], r), dot(R[1], r), dot(R[2], r))
             after = _state(at, end, motion)
-            if _sighting(before, after, ray, camera, lever, a[i], z[i], y[i], dy[i]):
+            span = t2[low + i - 1] - t1[low], unknowns[2][group[k]]
+            if _sighting(before, after, span, ray, camera, lever, a[i], z[i], y[i], dy[i]):
                 known[i] = 1.0
                 seen += 1
             w[i] *= known[i]
@@ -347,5 +356,7 @@ def follow(tracks, R, unknowns, motion, options, out):
             for c in range(UNKNOWNS):
                 scores[k, c] += w[i] * (J[i, c, 0] * e[i, 0] + J[i, c, 1] * e[i, 1])
                 for d in range(UNKNOWNS):
-                    total[c, d] += w[i] * (J[i, c, 0] * J[i, d, 0] + J[i, c, 1] * J[i, d, 1])
+                    total[group[k], c, d] += w[i] * (
+                        J[i, c, 0] * J[i, d, 0] + J[i, c, 1] * J[i, d, 1]
+                    )
     return total
