@@ -1,0 +1,82 @@
+"""A planned drive: where it goes, how direction and speed change, how like itself it is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from evcalib.design import Prediction
+from evcalib.plots import style
+from evcalib.series import VelocitySeries
+
+
+def draw_course(ax: Axes, velocities: VelocitySeries) -> None:
+    """Draw where a body that keeps its heading goes, from above, forward being up."""
+    x, y = _path(velocities).T
+    ax.plot(y, x, color=style.BODY)
+    ax.plot(y[:1], x[:1], "o", ms=6, color=style.TRUE, label="start")
+    middle, reach = (0.5 * (y.max() + y.min()), 0.5 * (x.max() + x.min())), 0.25
+    reach = max(reach, 0.58 * max(np.ptp(x), np.ptp(y)))
+    ax.set(xlim=(middle[0] + reach, middle[0] - reach), ylim=(middle[1] - reach, middle[1] + reach))
+    ax.set_aspect("equal")
+    ax.locator_params(nbins=5)
+    style.label(ax, "to the left [m]", "forward [m]")
+
+
+def draw_plan(axes: Sequence[Axes], velocities: VelocitySeries) -> None:
+    """Draw direction of travel and speed over time into two axes."""
+    speed = velocities.speed
+    moving = speed > 0.05 * speed.max(initial=1e-9)
+    angle = np.degrees(np.arctan2(velocities.v[:, 1], velocities.v[:, 0]))
+    angle[moving] = np.unwrap(angle[moving], period=360.0)
+    angle[~moving] = np.nan
+    # Dots, since a finger jumps from out to back.
+    axes[0].plot(velocities.t, angle, ".", ms=2, color=style.BODY)
+    low, high = axes[0].get_ylim()
+    spare = max(20.0 - (high - low), 0.0) / 2
+    axes[0].set_ylim(low - spare, high + spare)
+    axes[1].plot(velocities.t, speed, color=style.BODY)
+    axes[1].set_ylim(0.0, 1.15 * speed.max(initial=1e-3))
+    style.label(axes[0], "", "direction [deg]")
+    style.label(axes[1], "time [s]", "speed [m/s]")
+
+
+def draw_likeness(ax: Axes, prediction: Prediction, alone: NDArray[np.float64]) -> None:
+    """Draw how like itself the drive is when shifted, and how like if directions alone count."""
+    ax.plot(
+        prediction.shifts,
+        alone,
+        "--",
+        color=style.CAMERA,
+        label="directions alone",
+    )
+    ax.plot(prediction.shifts, prediction.likeness, color=style.BODY, label="with their speeds")
+    ax.set_ylim(0.0, 1.06)
+    ax.margins(x=0)
+    ax.legend(loc="lower right")
+    style.label(ax, "shift [s]", "likeness to itself [-]")
+
+
+def draw_design(
+    figure: Figure,
+    velocities: VelocitySeries,
+    prediction: Prediction,
+    alone: NDArray[np.float64],
+) -> None:
+    """Draw all panels of a planned drive into an empty figure."""
+    left, middle, right = figure.subfigures(1, 3, width_ratios=(3, 4, 4))
+    draw_course(left.subplots(), velocities)
+    draw_plan(middle.subplots(2, 1, sharex=True), velocities)
+    draw_likeness(right.subplots(), prediction, alone)
+
+
+def _path(velocities: VelocitySeries) -> NDArray[np.float64]:
+    step = np.diff(velocities.t)[:, None]
+    v = velocities.v[:, :2]
+    path = np.zeros_like(v)
+    path[1:] = np.cumsum(0.5 * (v[1:] + v[:-1]) * step, axis=0)
+    return path
