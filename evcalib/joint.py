@@ -71,7 +71,7 @@ class Systematic:
 
     lag: float = 0.0
     lag_sd: float = 0.1
-    time_sd: float = 0.001
+    time_sd: float = 0.0015
     rotation_sd: float = float(np.radians(0.06))
     spin_sd: float = 0.001
 
