@@ -94,7 +94,7 @@ def run_files(
         Wheel rows that slip more [m/s] are left out; by default those above 0.05 m/s and six
         times the median.
     max_yaw_rate : float, optional
-        Wheel rows that turn faster [rad/s] are left out; None leaves out none.
+        Rows that turn faster [rad/s] are left out, where they tell; None leaves out none.
     reading, motion : mapping, optional
         Further options of `open_recording` and of `read_body_velocities`.
     on_stage : callable
@@ -169,11 +169,11 @@ def _body(
 ) -> VelocitySource:
     """Read how the body moved; a limit of the slip that was not given follows the usual slip."""
     limits = {**limits, "vehicle": vehicle, "origin_us": origin_us}
-    if limits["max_slip"] is not None:
-        return read_body_velocities(source, **limits)
-    body = read_body_velocities(source, **{**limits, "max_yaw_rate": None})
-    if body.wheels is not None:
-        usual = float(np.median(body.wheels.slip))
+    whole = read_body_velocities(source, **{**limits, "max_slip": None, "max_yaw_rate": None})
+    if whole.velocities.yaw_rate is None:
+        limits["max_yaw_rate"] = None
+    if whole.wheels is not None and limits["max_slip"] is None:
+        usual = float(np.median(whole.wheels.slip))
         limits["max_slip"] = max(LEAST_SLIP, USUAL_SLIPS * usual)
     return read_body_velocities(source, **limits)
 

@@ -29,8 +29,8 @@ def main() -> None:
         _fail(f"{error.format_message()} (see evcalib --help)")
     except EvcalibError as error:
         _fail(str(error))
-    except KeyboardInterrupt:
-        print("evcalib: interrupted", file=sys.stderr)
+    except KeyboardInterrupt as stop:
+        print(f"evcalib: interrupted{f': {stop}' if str(stop) else ''}", file=sys.stderr)
         sys.exit(130)
     sys.exit(code)
 

@@ -91,18 +91,29 @@ def baselines(
 
 @app.command()
 def study(
-    name: Annotated[str, typer.Argument(help="paper, ablations, coverage, ...; see --help.")],
+    name: Annotated[
+        str, typer.Argument(help="paper, drives, ablations, coverage, real or recorded.")
+    ],
     output: Annotated[Path, typer.Option("-o", "--output", help="Folder for table and plots.")],
     trials: Annotated[int, typer.Option(min=1, help="Trials per group.")] = 100,
     seed: common.Seed = 0,
     workers: Workers = 1,
     scheduler: Scheduler = None,
+    data: Annotated[
+        Path | None, typer.Option(help="Folder of local files, for the study 'real'.")
+    ] = None,
 ) -> None:
     """Run a study of many trials; go on with it if it was stopped."""
     from data_tools.studies import describe, run_study, write_summary
 
     result = run_study(
-        name, trials=trials, seed=seed, folder=output, workers=workers, scheduler=scheduler
+        name,
+        trials=trials,
+        seed=seed,
+        folder=output,
+        workers=workers,
+        scheduler=scheduler,
+        **({} if data is None else {"data": data}),
     )
     write_summary(result, output)
     print(describe(result))
