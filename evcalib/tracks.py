@@ -71,7 +71,7 @@ class Tracks:
         return Tracks(first, self.r1[rows], self.r2[rows], self.t1[rows], self.t2[rows])
 
     def thinned(self, most: int) -> Tracks:
-        """Return at most so many sightings, evenly over time."""
+        """Return a share of the tracks, evenly over time: about so many sightings."""
         n = int(self.first[-1])
         if n <= most:
             return self

@@ -171,7 +171,8 @@ def made_tracks(
             parts.append(rows)
     parts.sort(key=lambda rows: rows[0][2])
     first = np.concatenate([[0], np.cumsum([len(rows) for rows in parts])]).astype(np.int64)
-    r1, r2, t1, t2 = (np.array(column) for column in zip(*sum(parts, []), strict=True))
+    whole = [row for rows in parts for row in rows]
+    r1, r2, t1, t2 = (np.array(column) for column in zip(*whole, strict=True))
     return Tracks(first, r1, r2, t1, t2)
 
 
