@@ -5,7 +5,7 @@ from __future__ import annotations
 import tempfile
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -106,6 +106,7 @@ def study(
     """Run a study of many trials; go on with it if it was stopped."""
     from data_tools.studies import describe, run_study, write_summary
 
+    options: dict[str, Any] = {} if data is None else {"data": data}
     result = run_study(
         name,
         trials=trials,
@@ -113,7 +114,7 @@ def study(
         folder=output,
         workers=workers,
         scheduler=scheduler,
-        **({} if data is None else {"data": data}),
+        **options,
     )
     write_summary(result, output)
     print(describe(result))
