@@ -204,17 +204,20 @@ def refine_jointly(
     )
     free = np.array([True, True, True, estimate_offset, True])
     widest, search = WIDEST / focal, None
+    grid = candidate_offsets(max_offset)
     if estimate_offset:
-        search = _search(problem, R_body_cam, candidate_offsets(max_offset)[::2], widest)
-        if search is None:
+        wide = _search(problem, R_body_cam, grid[::4], widest)
+        if wide is None:
             return None
-        offset = float(search.offsets[np.nanargmin(search.mean)])
+        offset = float(wide.offsets[np.nanargmin(wide.mean)])
     fit = solve(problem, R_body_cam, offset, free, widest)
     if fit is None:
         return None
     covariance, samples = covariance_of(problem, fit, free)
     covariance[:3, :3] += systematic.rotation_sd**2 * np.eye(3)
-    if search is not None:
+    if estimate_offset:
+        # Under the final loss, which is far narrower, other answers stand out.
+        search = _search(problem, fit.R, grid[::2], fit.reach)
         near = _search(problem, fit.R, np.asarray(fit.offset + NEAR), fit.reach)
         sd = 0.0 if near is None else near.half_width(fit.offset) / (2 * GATE)
         covariance[3, 3] = max(covariance[3, 3], sd**2) + systematic.time_sd**2
@@ -229,7 +232,7 @@ def refine_jointly(
         inlier_share=float(np.mean(fit.weights > 0)),
         tracks=len(tracks),
         sightings=int(tracks.first[-1]),
-        curve=None if search is None else _curve(search, fit.offset, max_offset, widest**2 / 6),
+        curve=None if search is None else _curve(search, fit.offset, max_offset, fit.reach**2 / 6),
         plausible=np.empty(0) if search is None else search.as_good(fit.offset),
         converged=fit.converged,
     )
