@@ -1,16 +1,19 @@
-"""Make the small recordings and the measured tables behind notebooks 1 and 2.
+"""Make the small recordings and the measured tables behind notebooks 1, 2 and 7.
 
     python notebooks/_make_data.py recordings           # notebooks/data/*.npz, half a minute
     python notebooks/_make_data.py tables DATA_FOLDER   # notebooks/data/*.csv, a few minutes
+    python notebooks/_make_data.py studies FOLDER       # notebooks/data/study_*.csv, at once
 
 The simulator makes the recordings.  The tables are measured on full-size simulations and on the
 real recording in ``DATA_FOLDER/slider_depth`` (Event Camera Dataset: ``events.txt.gz`` and
-``calib.txt``).
+``calib.txt``).  ``FOLDER`` holds what ``evcalib study NAME --trials 100 --seed 1 -o FOLDER`` left
+for the names paper, drives and real.
 """
 
 from __future__ import annotations
 
 import sys
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +26,7 @@ from data_tools.samples import Sample, write_sample
 from data_tools.scenes import furnished_room
 from data_tools.sensor import Sensor
 from data_tools.simulator import FORWARD, Simulator, simulate_translation
+from data_tools.studies import load_study
 from data_tools.trajectory import Trajectory
 from evcalib.camera import Camera
 from evcalib.events import Events
@@ -151,6 +155,42 @@ def _errors(
     return off, off.size + lost
 
 
+def make_study_tables(folder: Path) -> None:
+    """Shorten the tables of finished studies: a line per group, method and quantity."""
+    for name in ("paper", "drives"):
+        result = load_study(folder / f"{name}.h5")
+        lines = ["group,method,quantity,trials..."]
+        for group, method in product(result.groups, result.labels("method")):
+            values = {
+                column: result.values(column, group=group, method=method)
+                for column in ("rotation_deg", "offset_error_s", "offset_observable")
+            }
+            rows = {
+                "rotation_deg": values["rotation_deg"],
+                "offset_ms": 1000 * values["offset_error_s"],
+            }
+            if method == "ours":
+                rows["offset_observable"] = values["offset_observable"].astype(float)
+            lines += [
+                ",".join([group, method, quantity, *(f"{value:.3g}" for value in row)])
+                for quantity, row in rows.items()
+            ]
+        _write_lines(f"study_{name}.csv", lines)
+    table = load_study(folder / "real.h5").table
+    columns = ("group", "method", "rotation_deg", "offset_s", "rotation_sd_deg", "offset_sd_s")
+    lines = [",".join(columns)]
+    for row in zip(*(table[column].tolist() for column in columns), strict=True):
+        head = (text.replace(",", "") for text in row[:2])
+        lines.append(",".join([*head, *("" if v != v else f"{v:.3f}" for v in row[2:])]))
+    _write_lines("study_real.csv", lines)
+
+
+def _write_lines(name: str, lines: list[str]) -> None:
+    path = HERE / name
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    print(f"{name}: {len(lines) - 1} rows, {path.stat().st_size / 1000:.0f} kB")
+
+
 def _write_table(name: str, head: str, rows: list[tuple[str, list[tuple[Floats, int]]]]) -> None:
     lines = [f"{head},median_deg,p90_deg,found"]
     for start, parts in rows:
@@ -169,5 +209,7 @@ if __name__ == "__main__":
     elif sys.argv[1:2] == ["tables"] and len(sys.argv) == 3:
         make_surface_table(Path(sys.argv[2]) / "slider_depth")
         make_solver_table(Path(sys.argv[2]) / "slider_depth")
+    elif sys.argv[1:2] == ["studies"] and len(sys.argv) == 3:
+        make_study_tables(Path(sys.argv[2]))
     else:
         sys.exit(__doc__)
