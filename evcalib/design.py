@@ -99,7 +99,12 @@ class Prediction:
     @property
     def rotation_determined(self) -> bool:
         """Whether it will show the rotation about every axis."""
-        return bool(np.linalg.eigvalsh(self.covariance[:3, :3])[-1] < ROTATION_GATE**2)
+        return self.worst_axis_sd < ROTATION_GATE
+
+    @property
+    def worst_axis_sd(self) -> float:
+        """Standard deviation of the rotation about the axis that shows least [rad]."""
+        return float(np.sqrt(np.linalg.eigvalsh(self.covariance[:3, :3])[-1]))
 
     @property
     def summary(self) -> str:
@@ -161,13 +166,14 @@ def predict(
     Notes
     -----
     Cramer & Rao's bound of the model ``y_i = d_i / Z + mean + noise``: displacements ``d_i`` since
-    the first sighting, an unknown distance ``Z`` and mean for each corner.  The rotation is known to half a turn beforehand, the offset to the width of the search.
-    The camera keeps its heading; yaw rates are not looked at.
+    the first sighting, an unknown distance ``Z`` and mean for each corner.  The rotation is known
+    to half a turn beforehand, the offset to the width of the search.  The camera keeps its
+    heading; yaw rates are not looked at.
     """
     _check.positive(max_offset, "max_offset", "seconds")
     information = _information(velocities, viewing.step_sd, speed)
     information += np.diag([np.pi**-2] * 3 + [max_offset**-2])
-    covariance = np.linalg.inv(information)
+    covariance = np.asarray(np.linalg.inv(information), dtype=np.float64)
     covariance += np.diag([SYSTEMATIC.rotation_sd**2] * 3 + [SYSTEMATIC.time_sd**2])
     shifts = np.round(np.arange(-max_offset, max_offset + 0.005, 0.01), 2)
     likeness = self_likeness(velocities, shifts, speed=speed)

@@ -49,12 +49,13 @@ def draw_likeness(ax: Axes, prediction: Prediction, alone: NDArray[np.float64]) 
     """Draw how like itself the drive is when shifted, and how like if directions alone count."""
     ax.plot(
         prediction.shifts,
-        alone,
-        "--",
-        color=style.CAMERA,
-        label="directions alone",
+        prediction.likeness,
+        color=style.BODY,
+        lw=3.5,
+        alpha=0.6,
+        label="with their speeds",
     )
-    ax.plot(prediction.shifts, prediction.likeness, color=style.BODY, label="with their speeds")
+    ax.plot(prediction.shifts, alone, "--", color=style.CAMERA, label="directions alone")
     ax.set_ylim(0.0, 1.06)
     ax.margins(x=0)
     ax.legend(loc="lower right")
@@ -68,10 +69,13 @@ def draw_design(
     alone: NDArray[np.float64],
 ) -> None:
     """Draw all panels of a planned drive into an empty figure."""
-    left, middle, right = figure.subfigures(1, 3, width_ratios=(3, 4, 4))
-    draw_course(left.subplots(), velocities)
-    draw_plan(middle.subplots(2, 1, sharex=True), velocities)
-    draw_likeness(right.subplots(), prediction, alone)
+    grid = figure.add_gridspec(2, 3, width_ratios=(3, 4, 4))
+    draw_course(figure.add_subplot(grid[:, 0]), velocities)
+    direction = figure.add_subplot(grid[0, 1])
+    speed = figure.add_subplot(grid[1, 1], sharex=direction)
+    direction.tick_params(labelbottom=False)
+    draw_plan((direction, speed), velocities)
+    draw_likeness(figure.add_subplot(grid[:, 2]), prediction, alone)
 
 
 def _path(velocities: VelocitySeries) -> NDArray[np.float64]:

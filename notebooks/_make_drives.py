@@ -1,0 +1,76 @@
+"""Make the recorded drives behind notebooks 0 and 6, and the table of many drives.
+
+    python notebooks/_make_drives.py recordings        # notebooks/data/sweep, fingers: a minute
+    python notebooks/_make_drives.py table FOLDER      # notebooks/data/recorded.csv, at once
+
+A drive is four files, as a user has them: events.h5, calib.txt, wheels.csv, vehicle.yaml; and the
+truth, as a calibration.  The camera is small, so that the files are.  ``FOLDER`` holds what
+``evcalib study recorded --trials 2 --seed 7 -o FOLDER`` left.
+"""
+
+from __future__ import annotations
+
+import csv
+import sys
+from pathlib import Path
+
+import yaml
+
+from data_tools.demo import write_demo
+from data_tools.recorded_drive import Disturbances, record_drive
+from data_tools.sensor import Sensor
+from data_tools.studies import load_study
+from evcalib.camera import Camera
+
+HERE = Path(__file__).parent / "data"
+CAMERA = Camera(120, 90, 100.0, 100.0, 59.5, 44.5)
+SENSOR = Sensor(0.3, 0.3, noise_rate=0.05)
+DRIVES = {"sweep": (12, 12.0), "fingers": (11, 15.5)}
+"""Motion to seed and duration [s]."""
+
+COLUMNS = {
+    "offset_error_s": ("offset_error_ms", 1e3),
+    "offset_half_width_s": ("offset_half_width_ms", 1e3),
+    "offset_observable": ("offset_observable", 1.0),
+    "rotation_deg": ("rotation_deg", 1.0),
+    "rotation_radius_deg": ("rotation_radius_deg", 1.0),
+    "rotation_observable": ("rotation_observable", 1.0),
+    "lag_px": ("lag_px", 1.0),
+}
+"""Columns of the study to names and factors of the table."""
+
+
+def make_recordings() -> None:
+    """Simulate and write both drives."""
+    for motion, (seed, duration) in DRIVES.items():
+        drive = record_drive(
+            seed,
+            motion=motion,
+            duration=duration,
+            camera=CAMERA,
+            disturbances=Disturbances(SENSOR),
+        )
+        for path in write_demo(HERE / motion, drive).values():
+            print(f"{path.relative_to(HERE)}: {path.stat().st_size / 1000:.0f} kB")
+        truth = {"R_body_cam": drive.R_body_cam.tolist(), "offset_s": drive.offset}
+        (HERE / motion / "truth.yaml").write_text(yaml.safe_dump(truth), encoding="ascii")
+
+
+def make_table(folder: Path) -> None:
+    """Shorten the table of a finished study: a line per drive."""
+    table = load_study(folder / "recorded.h5").table
+    with (HERE / "recorded.csv").open("w", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(["drive", *(name for name, _ in COLUMNS.values())])
+        columns = [[k * float(x) for x in table[name]] for name, (_, k) in COLUMNS.items()]
+        for group, *values in zip(table["group"], *columns, strict=True):
+            writer.writerow([str(group), *(f"{value:.4g}" for value in values)])
+
+
+if __name__ == "__main__":
+    if sys.argv[1:2] == ["recordings"]:
+        make_recordings()
+    elif sys.argv[1:2] == ["table"] and len(sys.argv) == 3:
+        make_table(Path(sys.argv[2]))
+    else:
+        sys.exit(__doc__)
