@@ -22,11 +22,11 @@ from evcalib.tracks import Tracks
 
 Floats = NDArray[np.float64]
 
-MOST = 200_000
+MOST = 100_000
 """Sightings that enter the fit; more lessen the error of the corners, not that of the motion."""
 
-MOST_SEARCHED = 12_000
-"""Sightings that enter the search over the offsets."""
+MOST_SEARCHED, MOST_NEAR = 6_000, 40_000
+"""Sightings that enter the search over the offsets, and over those near the optimum."""
 
 WIDEST = 2.0
 """Reach of the loss [px] at the start."""
@@ -46,7 +46,7 @@ FEWEST = 50
 STRETCH = 0.5
 """Losses are compared over stretches of time [s]."""
 
-NEAR = np.arange(-12, 13) * 0.01
+NEAR = np.arange(-6, 7) * 0.01
 """Offsets [s] around the optimum at which its sharpness is measured."""
 
 GATE = 2.0
@@ -218,9 +218,11 @@ def refine_jointly(
     if estimate_offset:
         # Under the final loss, which is far narrower, other answers stand out.
         search = _search(problem, fit.R, grid[::2], fit.reach)
-        near = _search(problem, fit.R, np.asarray(fit.offset + NEAR), fit.reach)
-        sd = 0.0 if near is None else near.half_width(fit.offset) / (2 * GATE)
-        covariance[3, 3] = max(covariance[3, 3], sd**2) + systematic.time_sd**2
+        near = _search(problem, fit.R, np.asarray(fit.offset + NEAR), fit.reach, MOST_NEAR)
+        width = 0.0 if near is None else near.half_width(fit.offset)
+        if search is not None and width > 0.8 * NEAR[-1]:
+            width = max(width, search.half_width(fit.offset))
+        covariance[3, 3] = max(covariance[3, 3], (0.5 * width / GATE) ** 2) + systematic.time_sd**2
     return JointRefinement(
         R_body_cam=fit.R,
         offset=fit.offset,
@@ -305,9 +307,11 @@ class _Search:
         return 0.5 * max(float(np.ptp(good)) - step, 0.0) if good.size else 0.0
 
 
-def _search(problem: Problem, R: Floats, offsets: Floats, widest: float) -> _Search | None:
+def _search(
+    problem: Problem, R: Floats, offsets: Floats, reach: float, most: int = MOST_SEARCHED
+) -> _Search | None:
     """Follow some tracks at each candidate, with the best rotation there."""
-    tracks, t = problem.tracks.thinned(MOST_SEARCHED), problem.motion[0]
+    tracks, t = problem.tracks.thinned(most), problem.motion[0]
     covered = np.add.outer(tracks.start, offsets) >= t[0]
     covered &= np.add.outer(tracks.end, offsets) <= t[-1]
     if covered.sum(axis=0).max() < FEWEST:
@@ -317,7 +321,7 @@ def _search(problem: Problem, R: Floats, offsets: Floats, widest: float) -> _Sea
     for k, offset in enumerate(offsets):
         if not covered[:, k].any():
             continue
-        fit = begin(part, R, float(offset), widest)
+        fit = begin(part, R, float(offset), reach)
         for _ in range(2):
             follow(part, fit)
             step(part, fit, free)
