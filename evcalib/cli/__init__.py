@@ -1,6 +1,6 @@
 """The command line, thin over the library; the one part of evcalib that knows files.
 
-Exit codes: 0 the rotation is determined; 2 bad input; 3 the motion cannot answer.
+Exit codes: 0 the rotation is determined; 2 bad input; 3 the motion cannot answer; 130 Ctrl-C.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import typer
 
 # Importing them adds their commands, in this order.
 from evcalib.cli import _chain, _data, _runs  # noqa: F401
-from evcalib.cli._common import BAD_INPUT, NO_ANSWER, app
+from evcalib.cli._common import BAD_INPUT, INTERRUPTED, NO_ANSWER, Interrupted, app
 from evcalib.errors import EvcalibError
 
 __all__ = ["BAD_INPUT", "NO_ANSWER", "app", "main"]
@@ -29,9 +29,9 @@ def main() -> None:
         _fail(f"{error.format_message()} (see evcalib --help)")
     except EvcalibError as error:
         _fail(str(error))
-    except KeyboardInterrupt as stop:
-        print(f"evcalib: interrupted{f': {stop}' if str(stop) else ''}", file=sys.stderr)
-        sys.exit(130)
+    except Interrupted as stop:
+        print(f"evcalib: interrupted{stop}", file=sys.stderr)
+        sys.exit(INTERRUPTED)
     sys.exit(code)
 
 

@@ -5,17 +5,33 @@ from __future__ import annotations
 import json
 import shlex
 import sys
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 if TYPE_CHECKING:
     from evcalib.results import Calibration
 
 BAD_INPUT = 2
 NO_ANSWER = 3
+INTERRUPTED = 130
+
+
+class Interrupted(Exception):
+    """Ctrl-C, with what there is to say of it; Typer would make a bare exit code of it."""
+
+
+class _Commands(TyperGroup):
+    def invoke(self, ctx: typer.Context) -> Any:  # type: ignore[override]
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt as stop:
+            raise Interrupted(f": {stop}" if str(stop) else "") from None
+
 
 app = typer.Typer(
+    cls=_Commands,
     help="Time offset and rotation between an event camera and an omni-directional vehicle.",
     add_completion=False,
     pretty_exceptions_enable=False,
