@@ -1,6 +1,7 @@
-"""Shared fixtures: where the real recordings stand, and quiet progress bars."""
+"""Shared fixtures: where the real recordings stand, the command line, quiet progress bars."""
 
 import os
+import sys
 from pathlib import Path
 
 import pytest
@@ -16,3 +17,18 @@ def data() -> Path:
     if not DATA.is_dir():
         pytest.skip(f"no real recordings in {DATA}: set EVCALIB_DATA to their folder")
     return DATA
+
+
+@pytest.fixture
+def run(monkeypatch, capsys):
+    """Return a function that runs a command and gives its exit code, output and errors."""
+    from evcalib import cli
+
+    def call(*words):
+        monkeypatch.setattr(sys, "argv", ["evcalib", *map(str, words)])
+        with pytest.raises(SystemExit) as stop:
+            cli.main()
+        out, err = capsys.readouterr()
+        return stop.value.code or 0, out, err
+
+    return call

@@ -1,5 +1,6 @@
 """The command line as a user types it: output, files, exit codes, one clear line per error."""
 
+import hashlib
 import json
 import re
 import subprocess
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 import yaml
 
+from data_tools import datasets
 from data_tools.motion import Noise, arc, s_curve, simulate, straight
 from data_tools.series_files import write_headings, write_velocities
 from evcalib import cli
@@ -21,18 +23,6 @@ wheels:
   fl: {x: 0.30, y: 0.25}
   fr: {x: 0.30, y: -0.25}
 """
-
-
-@pytest.fixture
-def run(monkeypatch, capsys):
-    def call(*words):
-        monkeypatch.setattr(sys, "argv", ["evcalib", *map(str, words)])
-        with pytest.raises(SystemExit) as stop:
-            cli.main()
-        out, err = capsys.readouterr()
-        return stop.value.code or 0, out, err
-
-    return call
 
 
 def write_drive(folder, drive, **options):
@@ -189,14 +179,23 @@ def test_all_parallel_directions_name_the_unknown_axis(run, tmp_path):
         ("align", "missing.npz"),
         ("export", "missing.yaml", "--to", "urdf"),
         ("nosuch",),
+        ("calibrate", "missing.h5", "--camera", "missing.txt"),
+        ("calibrate", "missing.h5", "--camera", "missing.txt", "-o", "missing", "--wheels", "w"),
+        ("info", "missing.h5"),
+        ("convert", "missing.h5", "missing.npz"),
+        ("study", "nosuch", "-o", "missing"),
+        ("batch", "missing.yaml", "-o", "missing"),
+        ("baselines", "missing.csv", "missing.csv"),
     ],
     ids=" ".join,
 )
-def test_wrong_usage_is_one_line_and_exit_code_2(run, words):
+def test_wrong_usage_is_one_line_and_exit_code_2(run, words, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     code, out, err = run(*words)
     assert code == 2
     assert out == ""
     one_line(err)
+    assert not list(tmp_path.iterdir())
 
 
 def test_unknown_methods_are_refused_with_the_choices(run, tmp_path):
@@ -227,10 +226,57 @@ def test_export_goes_from_file_to_file(run, tmp_path, form):
     assert (tmp_path / "x").read_text() == out
 
 
-def test_demo_finds_the_truth(run):
-    code, out, _ = run("demo")
+def test_align_replaces_a_finished_folder_only_if_asked(run, tmp_path):
+    write_drive(tmp_path, s_curve(10))
+    words = ("align", tmp_path / "h.csv", tmp_path / "v.csv", "-o", tmp_path / "o")
+    assert run(*words)[0] == 0
+    before = (tmp_path / "o" / "calibration.yaml").stat().st_mtime_ns
+    code, _, err = run(*words)
+    assert code == 2
+    assert "--overwrite" in one_line(err)
+    assert (tmp_path / "o" / "calibration.yaml").stat().st_mtime_ns == before
+    assert run(*words, "--overwrite")[0] == 0
+    assert (tmp_path / "o" / "calibration.yaml").stat().st_mtime_ns != before
+
+
+def test_baselines_stand_side_by_side(run, tmp_path):
+    write_drive(tmp_path, s_curve(10))
+    code, out, _ = run("baselines", tmp_path / "h.csv", tmp_path / "v.csv")
     assert code == 0
-    assert "true +0.1370 s" in out
+    ours = next(line.split() for line in out.splitlines() if line.startswith("ours "))
+    assert float(ours[1]) == pytest.approx(200, abs=4 * float(ours[2]))
+    for name in ("vc", "vc_wota", "cross_correlation", "cca", "hand_eye", "cgoc"):
+        assert f"\n{name} " in out
+
+
+def test_fetch_serves_from_a_folder_that_holds_the_files(run, tmp_path, monkeypatch):
+    (tmp_path / "a.bin").write_bytes(b"whole")
+    hashes = {"a.bin": hashlib.sha256(b"whole").hexdigest()}
+    nowhere = datasets.DataSet("http://127.0.0.1:9/", hashes)
+    monkeypatch.setitem(datasets.DATA_SETS, "tiny", nowhere)
+    code, out, _ = run("fetch", "tiny", "--folder", tmp_path)
+    assert code == 0
+    assert out.strip() == str(tmp_path)
+    (tmp_path / "a.bin").write_bytes(b"half")
+    code, _, err = run("fetch", "tiny", "--folder", tmp_path)
+    assert code == 2
+    assert "a.bin" in one_line(err)
+    code, _, err = run("fetch", "other-data", "--folder", tmp_path)
+    assert code == 2
+    assert "paper-data" in one_line(err)
+
+
+def test_a_study_goes_on_and_leaves_its_table(run, tmp_path):
+    words = ("study", "coverage", "-o", tmp_path / "s", "--trials", "1")
+    code, out, _ = run(*words)
+    assert code == 0
+    assert (tmp_path / "s" / "coverage.h5").exists()
+    again = run(*words)
+    assert again[0] == 0
+    assert again[1] == out
+    code, _, err = run("study", "coverage", "-o", tmp_path / "s", "--trials", "1", "--seed", "9")
+    assert code == 2
+    one_line(err)
 
 
 def test_headings_of_a_real_recording_point_to_the_truth(run, data, tmp_path):
