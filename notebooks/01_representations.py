@@ -321,8 +321,9 @@ for recording in ("simulated", "slider_depth"):
 # hundredths of a degree on simulated data and within two tenths on real data, and no order holds
 # from one speed to the next. How can that be, after such differences above?
 #
-# - The *place* of a keypoint comes from Arc* events, not from the surface. The surface only
-#   describes it, so it decides how many matches there are, not how exact they are.
+# - The *displacement* of a corner is measured between images of events (notebook 6), not on the
+#   surface. The surface only describes corners, so it decides how many matches there are, not how
+#   exact they are.
 # - One heading pools hundreds of matches and throws out those that disagree. Forty right ones or
 #   seventy: both are plenty.
 #
