@@ -78,6 +78,7 @@ def draw_errors(ax: Axes, errors: Mapping[str, float], *, chosen: str = "") -> N
     ax.set_xscale("log")
     ax.set_xlim(LEAST_DEG, 500.0)
     ax.set_xticks([0.1, 1, 10, 100], ["0.1", "1", "10", "100"])
+    ax.set_xticks([], minor=True)
     ax.set_yticks(range(len(names)), names)
     ax.set_ylim(len(names) - 0.4, -0.6)
     ax.grid(visible=False, axis="y")
