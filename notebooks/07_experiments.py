@@ -307,7 +307,7 @@ for r, colour in ((2, style.OUTLIER), (4, style.MEASURED), (12, style.INLIER)):
     right.plot(np.abs(off), turned, ".", ms=3, color=colour, label=f"arc of {r} m")
     right.plot([0, 1500], [0, 1.5 * np.degrees(1 / r)], color=colour, lw=0.8)
 style.label(right, "error of the offset [ms]", "rotation error [deg]")
-left.legend(loc=(0.4, 0.02), fontsize=7.5)
+left.legend(loc=(0.4, 0.02), fontsize=7.5, frameon=True)
 right.legend()
 plt.show()
 
