@@ -1,6 +1,7 @@
 """Make the recorded drives behind notebooks 0 and 6, and the table of many drives.
 
     python notebooks/_make_drives.py recordings        # notebooks/data/sweep, fingers: a minute
+    python notebooks/_make_drives.py stages            # notebooks/data/stages.csv, 8 minutes
     python notebooks/_make_drives.py table FOLDER      # notebooks/data/recorded.csv, at once
 
 A drive is four files, as a user has them: events.h5, calib.txt, wheels.csv, vehicle.yaml; and the
@@ -14,19 +15,29 @@ import csv
 import sys
 from pathlib import Path
 
+import numpy as np
 import yaml
 
 from data_tools.demo import write_demo
-from data_tools.recorded_drive import Disturbances, record_drive
+from data_tools.recorded_drive import VEHICLE, Disturbances, record_drive
 from data_tools.sensor import Sensor
 from data_tools.studies import load_study
+from evcalib.calibration import align
 from evcalib.camera import Camera
+from evcalib.geometry import rotation_angle
+from evcalib.kinematics import body_velocities
+from evcalib.pipeline import calibrate
 
 HERE = Path(__file__).parent / "data"
 CAMERA = Camera(120, 90, 100.0, 100.0, 59.5, 44.5)
 SENSOR = Sensor(0.3, 0.3, noise_rate=0.05)
 DRIVES = {"sweep": (12, 12.0), "fingers": (11, 15.5)}
 """Motion to seed and duration [s]."""
+
+STAGED = [("sweep", seed) for seed in range(301, 309)] + [
+    ("fingers", seed) for seed in range(301, 305)
+]
+"""Motions and seeds of the drives that are followed from stage to stage."""
 
 COLUMNS = {
     "offset_error_s": ("offset_error_ms", 1e3),
@@ -56,6 +67,23 @@ def make_recordings() -> None:
         (HERE / motion / "truth.yaml").write_text(yaml.safe_dump(truth), encoding="ascii")
 
 
+def make_stages() -> None:
+    """Calibrate some drives, and store the errors of the headings alone beside those at the end."""
+    with (HERE / "stages.csv").open("w", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(["motion", "seed", "stage", "offset_error_ms", "rotation_deg"])
+        for motion, seed in STAGED:
+            drive = record_drive(seed, motion=motion)
+            body = body_velocities(drive.wheels, VEHICLE)
+            run = calibrate(drive.simulator.stream(), drive.simulator.camera, body)
+            before = align(run.estimate.headings, run.velocities)
+            for stage, found in (("headings", before), ("tracks", run.calibration)):
+                late = 1e3 * (found.offset - drive.offset) if found.offset_observable else np.nan
+                turn = np.degrees(rotation_angle(found.R_body_cam, drive.R_body_cam))
+                writer.writerow([motion, seed, stage, f"{late:.3g}", f"{turn:.3g}"])
+            file.flush()
+
+
 def make_table(folder: Path) -> None:
     """Shorten the table of a finished study: a line per drive."""
     table = load_study(folder / "recorded.h5").table
@@ -70,6 +98,8 @@ def make_table(folder: Path) -> None:
 if __name__ == "__main__":
     if sys.argv[1:2] == ["recordings"]:
         make_recordings()
+    elif sys.argv[1:2] == ["stages"]:
+        make_stages()
     elif sys.argv[1:2] == ["table"] and len(sys.argv) == 3:
         make_table(Path(sys.argv[2]))
     else:

@@ -54,25 +54,33 @@ def draw_growth(
 
 
 def draw_calibrations(ax: Axes, groups: Sequence[str], error: Floats, bar: Floats) -> None:
-    """Draw the errors of many calibrations in groups, with the half widths of their intervals.
+    """Draw the errors of many calibrations in groups, with what was said of them.
 
-    An interval that does not reach zero is drawn as an outlier.
+    Errors with a sign get the half width of their interval to both sides; sizes of errors, a mark
+    below which they should lie.  Those that lie beyond are drawn as outliers.
     """
     x = np.arange(error.size) + 0.8 * np.cumsum([0, *(a != b for a, b in pairwise(groups))])
     holds = np.abs(error) <= bar
+    signed = bool((error < 0).any())
     for mask, color, name in (
-        (holds, style.INLIER, "holds the truth"),
-        (~holds, style.OUTLIER, "does not"),
+        (holds, style.INLIER, "within what was stated"),
+        (~holds, style.OUTLIER, "beyond"),
     ):
-        if mask.any():
-            ax.errorbar(
-                x[mask], error[mask], bar[mask], fmt="o", ms=4, lw=1.2, color=color, label=name
-            )
+        if not mask.any():
+            continue
+        low = error[mask] - bar[mask] if signed else np.zeros(int(mask.sum()))
+        high = error[mask] + bar[mask] if signed else bar[mask]
+        ax.vlines(x[mask], low, high, color=color, lw=1.2)
+        ax.plot(x[mask], high, "_", ms=7, color=color)
+        if signed:
+            ax.plot(x[mask], low, "_", ms=7, color=color)
+        ax.plot(x[mask], error[mask], "o", ms=4, color=color, label=name)
     ax.axhline(0.0, color=style.TRUE, lw=1)
     names = list(dict.fromkeys(groups))
     at = [float(np.mean(x[[g == name for g in groups]])) for name in names]
     ax.set_xticks(at, [name.replace(", ", "\n") for name in names])
     ax.grid(axis="x", visible=False)
+    ax.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=2, borderaxespad=0.2)
 
 
 def draw_lags(ax: Axes, flow: Mapping[str, Floats], late_ms: Mapping[str, Floats]) -> None:
