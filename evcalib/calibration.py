@@ -41,8 +41,8 @@ Floats = NDArray[np.float64]
 MAX_CHANGE = np.radians(5.0)
 """A change of the rotation over the plausible offsets beyond this [rad] always matters."""
 
-SINGLE = 8.0
-"""Plausible offsets within so many standard deviations of the best one are one answer, not two."""
+APART = 0.1
+"""Plausible offsets with implausible ones of so much time [s] in between are different answers."""
 
 
 def align(
@@ -133,7 +133,9 @@ def align(
     if evidence.observable and evidence.sharp_turns:
         rng = np.random.default_rng(seed)
         joint = bootstrap(headings, track, refined, solution.noise, rng)
-        answer.at_least(joint, sampling_floor(headings, track))
+        # At a smooth peak the plausible offsets reach as far as four standard deviations.
+        reach = float(np.abs(evidence.plausible - evidence.offset).max(initial=0.0))
+        answer.at_least(joint, max(sampling_floor(headings, track), 0.25 * reach))
 
     interval = _offset_interval(evidence, answer.offset_sd, solution.covariance.samples, max_offset)
     if not evidence.observable:
@@ -240,10 +242,16 @@ def _weigh(
         and turns >= RATE_GATE
         and follows >= FOLLOW_GATE
         and sd < max_offset / 4
-        and bool(np.all(np.abs(plausible - refined.offset) <= SINGLE * sd + 0.05))
+        and one_answer(plausible, refined.offset, max_offset / 4)
     )
     sharp = has_sharp_turns(track, found, refined.offset)
     return _Evidence(turns, follows, plausible, at_edge, sharp, refined.offset, sd, observable)
+
+
+def one_answer(plausible: Floats, best: float, widest: float) -> bool:
+    """Tell whether the plausible offsets lie around the best one [s], without holes."""
+    near = np.sort(np.append(plausible, best))
+    return bool(np.abs(near - best).max() < widest and np.diff(near).max(initial=0.0) < APART)
 
 
 def _fall_back(

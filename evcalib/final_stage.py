@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evcalib import uncertainty
-from evcalib.calibration import unknown_axis
+from evcalib.calibration import one_answer, unknown_axis
 from evcalib.joint import JointRefinement
 from evcalib.observability import RATE_GATE, direction_spread
 from evcalib.results import Calibration
@@ -28,14 +28,8 @@ def offset_observable(joint: JointRefinement, max_offset: float) -> bool:
     if joint.curve is None or joint.curve.at_edge or joint.inlier_share < ENOUGH:
         return False
     widest = max_offset / 4
-    near = np.append(joint.plausible, joint.offset)
-    step = float(np.diff(joint.curve.offsets).max())
-    return bool(
-        np.sqrt(joint.covariance[3, 3]) < widest
-        and np.abs(near - joint.offset).max() < widest
-        # Candidates that fit as well, but with worse ones in between, are another answer.
-        and np.diff(np.sort(near)).max() < 1.5 * step
-    )
+    sharp = float(np.sqrt(joint.covariance[3, 3])) < widest
+    return sharp and one_answer(joint.plausible, joint.offset, widest)
 
 
 def finish(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +30,9 @@ MIN_PAIRS = 6
 
 MIN_AGREEING = 6.0
 """Fewest independent headings that must agree with the result."""
+
+SHARED = np.radians(0.5)
+"""Error [rad] that all headings may share without speaking against them."""
 
 CHANCE = 3.0
 """Log-likelihood by which agreement must exceed what a free choice of the unknowns can do."""
@@ -75,6 +78,7 @@ class Solution:
     residuals: Residuals
     independent: float
     evidence: float
+    agreeing: float
 
     @property
     def agrees(self) -> bool:
@@ -84,7 +88,7 @@ class Solution:
         each as finely as the noise, must be paid for by the likelihood.
         """
         price = 4.0 * np.log(np.pi / self.mixture.sigma)
-        return self.covariance.samples >= MIN_AGREEING and self.evidence >= price + CHANCE
+        return self.agreeing >= MIN_AGREEING and self.evidence >= price + CHANCE
 
     @property
     def noise(self) -> NoiseModel:
@@ -125,8 +129,18 @@ class Solution:
         angle = 2 * np.arcsin(np.sqrt(np.clip(u / 2, 0.0, 1.0)))
         residuals = Residuals(part.t, turned, d, angle, estimate.weight)
         independent = covariance.noise.independent(part.t, w)
-        evidence = mixture.evidence(u, w) * independent / u.size
-        return cls(estimate.R_body_cam, mixture, covariance, residuals, independent, evidence)
+        # Residuals far below what all headings may share say nothing against their number.
+        share = covariance.noise.share * mixture.sigma**2 / (mixture.sigma**2 + SHARED**2)
+        distinct = replace(covariance.noise, share=share).independent(part.t, w)
+        return cls(
+            R=estimate.R_body_cam,
+            mixture=mixture,
+            covariance=covariance,
+            residuals=residuals,
+            independent=independent,
+            evidence=mixture.evidence(u, w) * distinct / u.size,
+            agreeing=covariance.samples * distinct / independent,
+        )
 
     def rotation_covariance(self, offset_estimated: bool) -> Floats:
         """Return the covariance [rad^2] with the offset estimated along, or as given."""

@@ -391,3 +391,28 @@ def test_opposite_directions_determine_nothing_but_do_not_fail():
     e = np.where(np.arange(t.size)[:, None] % 40 < 20, [0.0, 0.0, 1.0], [0.0, 0.0, -1.0])
     found = align(HeadingSeries(t, e), VelocitySeries(t, e[:, [2, 0, 1]]))
     assert not found.rotation_observable
+
+
+def test_exact_headings_agree():
+    """Residuals that remember all of the drive, but are tiny, do not speak against a result."""
+    streams = simulate(s_curve(20.0), np.random.default_rng(1), offset=0.2)
+    found = align(streams.headings, streams.velocities)
+    assert found.diagnostics.agrees
+    assert found.offset_observable
+    assert found.offset == pytest.approx(0.2, abs=1e-3)
+    assert rotation_angle(found.R_body_cam, streams.R_body_cam) < np.radians(0.02)
+
+
+@pytest.mark.parametrize("sigma", [0.005, 0.01, 0.02])
+def test_precise_headings_on_instant_turns_determine_the_offset(sigma):
+    """The few headings next to the turns are outliers at most offsets nearby, which is no alias."""
+    streams = simulate(
+        polyline(20.0),
+        np.random.default_rng(2),
+        offset=0.2,
+        heading_noise=Noise(sigma),
+        velocity_noise=Noise(0.02),
+    )
+    found = align(streams.headings, streams.velocities)
+    assert found.offset_observable
+    assert found.offset_interval[0] < 0.2 < found.offset_interval[1]
