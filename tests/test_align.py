@@ -395,7 +395,7 @@ def test_opposite_directions_determine_nothing_but_do_not_fail():
 
 def test_exact_headings_agree():
     """Residuals that remember all of the drive, but are tiny, do not speak against a result."""
-    streams = simulate(s_curve(20.0), np.random.default_rng(1), offset=0.2)
+    streams = motion.simulate(motion.s_curve(20.0), np.random.default_rng(1), offset=0.2)
     found = align(streams.headings, streams.velocities)
     assert found.diagnostics.agrees
     assert found.offset_observable
@@ -406,12 +406,12 @@ def test_exact_headings_agree():
 @pytest.mark.parametrize("sigma", [0.005, 0.01, 0.02])
 def test_precise_headings_on_instant_turns_determine_the_offset(sigma):
     """The few headings next to the turns are outliers at most offsets nearby, which is no alias."""
-    streams = simulate(
-        polyline(20.0),
+    streams = motion.simulate(
+        motion.polyline(20.0),
         np.random.default_rng(2),
         offset=0.2,
-        heading_noise=Noise(sigma),
-        velocity_noise=Noise(0.02),
+        heading_noise=motion.Noise(sigma),
+        velocity_noise=motion.Noise(0.02),
     )
     found = align(streams.headings, streams.velocities)
     assert found.offset_observable
