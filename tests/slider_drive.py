@@ -14,8 +14,8 @@ from evcalib import Camera, Events, VelocitySeries
 from evcalib.geometry import rotation_vector_to_matrix
 
 SPEED = 0.318
-STEADY = 0.2
-"""From this time on the slider has its speed [s]."""
+STEADY = 0.2, 1.2
+"""Part of the recording [s]; the slider has its speed from its start on."""
 
 PAUSE = 0.6
 
@@ -38,10 +38,15 @@ class Part:
 
 FINGERS = (
     Part((1, 0, 0)),
+    Part((-1, 0, 0), backwards=True),
     Part((0, 1, 0), transposed=True),
-    Part((-1, 0, 0), mirrored=True),
     Part((0, -1, 0), transposed=True, backwards=True),
+    Part((-1, 0, 0), mirrored=True),
+    Part((1, 0, 0), mirrored=True, backwards=True),
+    Part((0, -1, 0), mirrored=True, transposed=True),
+    Part((0, 1, 0), mirrored=True, transposed=True, backwards=True),
 )
+"""Four fingers, out and back.  The slider's axis is known to a degree; this error cancels."""
 
 
 def canvas(camera):
@@ -53,7 +58,7 @@ def canvas(camera):
 
 def stitched(events, camera, *, offset, rate=100.0):
     """Return the events of all parts, and the velocities of the body on its own clock."""
-    keep = events.t >= 1e6 * STEADY
+    keep = (events.t >= 1e6 * STEADY[0]) & (events.t < 1e6 * STEADY[1])
     x, y, t, p = (getattr(events, name)[keep] for name in "xytp")
     x, y, t = x.astype(np.int64), y.astype(np.int64), t - t[0]
     length = int(t[-1])

@@ -32,7 +32,7 @@ def calibrated(drive):
 def test_the_parts_are_what_they_claim_to_be(slider, drive):
     """As many events each, within the canvas, and a body that moves or stands."""
     events, velocities, camera = drive
-    steady = int(np.sum(slider[0].t >= 200_000))
+    steady = int(np.sum((slider[0].t >= 200_000) & (slider[0].t < 1_200_000)))
     assert len(events) == len(FINGERS) * steady
     moving = velocities.speed > 0
     assert velocities.speed[moving] == pytest.approx(SPEED)
@@ -42,10 +42,7 @@ def test_the_parts_are_what_they_claim_to_be(slider, drive):
 
 
 def test_four_fingers_of_real_events_give_the_rotation(calibrated):
-    """The paper's real data: 1.7 to 6 degrees.
-
-    The slider's axis is known to a degree only; the transforms turn that error to all sides.
-    """
+    """The paper's real data: 1.7 to 6 degrees."""
     found = calibrated.calibration
     error = rotation_angle(found.R_body_cam, R_BODY_CAM)
     assert found.rotation_observable
@@ -54,7 +51,11 @@ def test_four_fingers_of_real_events_give_the_rotation(calibrated):
 
 
 def test_what_is_said_of_the_offset_is_true(calibrated):
-    """At constant speed it shows only where the slider starts and stops, if at all."""
+    """At constant speed it shows only where the parts begin and end, if at all.
+
+    There the motion is cut off at once and keyframes have events on one side only, as on no
+    vehicle; this costs a dozen milliseconds.
+    """
     found = calibrated.calibration
     if found.offset_observable:
         assert abs(found.offset - 0.12) < 0.03
