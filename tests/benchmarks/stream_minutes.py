@@ -2,8 +2,8 @@
 
 ``python tests/benchmarks/stream_minutes.py --minutes 10`` simulates a drive of some seconds in
 another process and streams it again and again, with times that go on, from a memory-mapped file.
-It prints a line of JSON for each number of minutes.  The camera jumps back at the end of each repetition, which spoils a few
-headings; the odometry is repeated likewise.
+It prints a line of JSON for each number of minutes.  The camera jumps back at the end of each
+repetition, which spoils a few headings; the odometry is repeated likewise.
 """
 
 import argparse
