@@ -76,9 +76,10 @@ assert found.rotation_observable
 truth = read_calibration(home / "truth.yaml")
 late = found.offset - truth.offset
 turned = rotation_angle(found.R_body_cam, truth.R_body_cam)
-print(f"offset {found.offset:.2f} s, true {truth.offset:.2f} s")
-print(f"off by less than 10 ms: {abs(late) < 0.010}")
-print(f"rotation off by less than half a degree: {turned < np.radians(0.5)}")
+sd, radius = 1e3 * found.offset_sd, np.degrees(found.rotation_radius)
+print(f"offset {found.offset:.3f} s, true {truth.offset:.3f} s")
+print(f"    off by {1e3 * late:.1f} ms; stated standard deviation {sd:.1f} ms")
+print(f"rotation off by {np.degrees(turned):.2f} deg; stated 95 % radius {radius:.2f} deg")
 
 low, high = found.offset_interval
 assert low < truth.offset < high
@@ -86,8 +87,8 @@ assert turned < found.rotation_radius
 
 # %% [markdown]
 # That is it. The asserts hold what matters most: the truth lies within the stated 95 % intervals.
-# An interval of some ten milliseconds is what 12 s from a tiny camera are worth; a longer drive and
-# a real sensor do better.
+# One drive proves little, of course: three more of this kind were 1 to 9 ms off, as 12 s from a
+# tiny camera allow. Notebook 6 shows many, from a camera of usual size.
 #
 # ## The report's pictures
 #

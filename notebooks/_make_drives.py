@@ -31,7 +31,7 @@ from evcalib.pipeline import calibrate
 HERE = Path(__file__).parent / "data"
 CAMERA = Camera(120, 90, 100.0, 100.0, 59.5, 44.5)
 SENSOR = Sensor(0.3, 0.3, noise_rate=0.05)
-DRIVES = {"sweep": (12, 12.0), "fingers": (11, 15.5)}
+DRIVES = {"sweep": (11, 12.0), "fingers": (11, 15.5)}
 """Motion to seed and duration [s]."""
 
 STAGED = [("sweep", seed) for seed in range(301, 309)] + [
