@@ -30,11 +30,12 @@ from evcalib import _check
 from evcalib.camera import Camera
 from evcalib.errors import InputError
 from evcalib.events import Events
+from evcalib.geometry import LOOKS_FORWARD
 from evcalib.series import HeadingSeries, VelocitySeries
 
 Floats = NDArray[np.float64]
 
-FORWARD = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+FORWARD = LOOKS_FORWARD
 """R_body_cam of a level camera that looks forward."""
 
 BLOCK_US = 20_000
