@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evcalib import _check
-from evcalib._joint_fit import Problem, begin, covariance_of, follow, solve, step
+from evcalib._joint_fit import Problem, covariance_of, solve
+from evcalib._joint_search import FEWEST, GATE, curve_of, search_offsets
 from evcalib.kernels import track as track_kernel
-from evcalib.offset import MIN_OVERLAP, OffsetCurve, candidate_offsets, second_peak_ratio
+from evcalib.offset import OffsetCurve, candidate_offsets
 from evcalib.series import VelocitySeries
 from evcalib.track import VelocityTrack, smoothed, white_noise
 from evcalib.tracks import Tracks
@@ -25,8 +26,8 @@ Floats = NDArray[np.float64]
 MOST = 100_000
 """Sightings that enter the fit; more lessen the error of the corners, not that of the motion."""
 
-MOST_SEARCHED, MOST_NEAR = 6_000, 40_000
-"""Sightings that enter the search over the offsets, and over those near the optimum."""
+MOST_NEAR = 40_000
+"""Sightings that enter the search near the optimum."""
 
 WIDEST = 2.0
 """Reach of the loss [px] at the start."""
@@ -40,17 +41,8 @@ NO_YAW_RATE = 0.005
 USUAL_SPAN = 0.4
 """Usual time from the first to the last sighting of a corner [s]."""
 
-FEWEST = 50
-"""Tracks without which there is no joint refinement."""
-
-STRETCH = 0.5
-"""Losses are compared over stretches of time [s]."""
-
 NEAR = np.arange(-6, 7) * 0.01
 """Offsets [s] around the optimum at which its sharpness is measured."""
-
-GATE = 2.0
-"""Standard errors within which another offset fits as well."""
 
 
 @dataclass(frozen=True)
@@ -206,7 +198,7 @@ def refine_jointly(
     widest, search = WIDEST / focal, None
     grid = candidate_offsets(max_offset)
     if estimate_offset:
-        wide = _search(problem, R_body_cam, grid[::4], widest)
+        wide = search_offsets(problem, R_body_cam, grid[::4], widest)
         if wide is None:
             return None
         offset = float(wide.offsets[np.nanargmin(wide.mean)])
@@ -217,8 +209,8 @@ def refine_jointly(
     covariance[:3, :3] += systematic.rotation_sd**2 * np.eye(3)
     if estimate_offset:
         # Under the final loss, which is far narrower, other answers stand out.
-        search = _search(problem, fit.R, grid[::2], fit.reach)
-        near = _search(problem, fit.R, np.asarray(fit.offset + NEAR), fit.reach, MOST_NEAR)
+        search = search_offsets(problem, fit.R, grid[::2], fit.reach)
+        near = search_offsets(problem, fit.R, np.asarray(fit.offset + NEAR), fit.reach, MOST_NEAR)
         width = 0.0 if near is None else near.half_width(fit.offset)
         if search is not None and width > 0.8 * NEAR[-1]:
             width = max(width, search.half_width(fit.offset))
@@ -234,7 +226,9 @@ def refine_jointly(
         inlier_share=float(np.mean(fit.weights > 0)),
         tracks=len(tracks),
         sightings=int(tracks.first[-1]),
-        curve=None if search is None else _curve(search, fit.offset, max_offset, fit.reach**2 / 6),
+        curve=None
+        if search is None
+        else curve_of(search, fit.offset, max_offset, fit.reach**2 / 6),
         plausible=np.empty(0) if search is None else search.as_good(fit.offset),
         converged=fit.converged,
     )
@@ -263,84 +257,3 @@ def yaw_rate_error(velocities: VelocitySeries, track: VelocityTrack) -> float:
         return NO_YAW_RATE
     noise = float(white_noise(velocities.yaw_rate[:, None], track.segment)[0])
     return noise * float(np.sqrt(np.median(np.diff(velocities.t)) / USUAL_SPAN))
-
-
-@dataclass(frozen=True, eq=False)
-class _Search:
-    """Losses of some tracks over the candidate offsets.
-
-    `losses` (k, m) [rad^2], NaN where the odometry does not cover a track; `length` (k,) sightings;
-    `stretch` (k,) numbers the stretch of time that each starts in.
-    """
-
-    offsets: Floats
-    losses: Floats
-    length: Floats
-    stretch: NDArray[np.int64]
-
-    @property
-    def mean(self) -> Floats:
-        """Mean loss of a sighting at each candidate; NaN where few are covered."""
-        known = np.isfinite(self.losses)
-        count = self.length @ known
-        total = np.where(known, self.losses, 0.0).sum(axis=0)
-        enough = (count >= MIN_OVERLAP * count.max()) & (count > 0)
-        return np.where(enough, total / np.maximum(count, 1), np.nan)
-
-    def as_good(self, offset: float) -> Floats:
-        """Return the candidates that fit as well as that next to `offset` (Vuong 1989)."""
-        best = int(np.argmin(np.abs(self.offsets - offset)))
-        more = self.losses - self.losses[:, [best]]
-        known = np.isfinite(more)
-        sums = np.zeros((int(self.stretch.max()) + 1, self.offsets.size))
-        np.add.at(sums, self.stretch, np.where(known, more, 0.0))
-        total = sums.sum(axis=0)
-        spread = np.sum((sums - total / len(sums)) ** 2, axis=0)
-        # Neighbouring stretches share corners.
-        good = total <= GATE * np.sqrt(2.0 * spread)
-        return self.offsets[good & np.isfinite(self.mean)]
-
-    def half_width(self, offset: float) -> float:
-        """Return how far candidates that fit as well lie from `offset`, either way on average."""
-        good = self.as_good(offset)
-        step = float(self.offsets[1] - self.offsets[0])
-        return 0.5 * max(float(np.ptp(good)) - step, 0.0) if good.size else 0.0
-
-
-def _search(
-    problem: Problem, R: Floats, offsets: Floats, reach: float, most: int = MOST_SEARCHED
-) -> _Search | None:
-    """Follow some tracks at each candidate, with the best rotation there."""
-    tracks, t = problem.tracks.thinned(most), problem.motion[0]
-    covered = np.add.outer(tracks.start, offsets) >= t[0]
-    covered &= np.add.outer(tracks.end, offsets) <= t[-1]
-    if covered.sum(axis=0).max() < FEWEST:
-        return None
-    part, free = problem.part(tracks), np.array([True, True, True, False, False])
-    losses = np.full(covered.shape, np.nan)
-    for k, offset in enumerate(offsets):
-        if not covered[:, k].any():
-            continue
-        fit = begin(part, R, float(offset), reach)
-        for _ in range(2):
-            follow(part, fit)
-            step(part, fit, free)
-        follow(part, fit)
-        losses[:, k] = np.where(covered[:, k], fit.losses, np.nan)
-    stretch = ((tracks.start - tracks.start.min()) / STRETCH).astype(np.int64)
-    return _Search(offsets, losses, tracks.length.astype(np.float64), stretch)
-
-
-def _curve(search: _Search, found: float, max_offset: float, worst: float) -> OffsetCurve:
-    """Return the search as scores: 1 where all sightings are met, 0 where all are outliers."""
-    score = 1.0 - search.mean / worst
-    count = search.length @ np.isfinite(search.losses)
-    return OffsetCurve(
-        method="tracks",
-        offsets=search.offsets,
-        score=score,
-        overlap=count / max(float(search.length.sum()), 1.0),
-        offset=found,
-        second_peak_ratio=second_peak_ratio(score, int(np.nanargmax(score))),
-        at_edge=abs(found) > max_offset,
-    )

@@ -18,155 +18,17 @@ import math
 import numpy as np
 
 from evcalib.kernels._jit import jit
-from evcalib.kernels.epipolar import cross, dot
+from evcalib.kernels.epipolar import dot
+from evcalib.kernels.sighting import BY_SPIN, FLOW, NEAREST, VALUE, axes, sighting, state, step_of
 
 UNKNOWNS = 6
 """Rotation vector in the body frame [rad] (3), offset [s], lag [rad], spin [rad/s]."""
 
 LAG, SPIN = 4, 5
 
-NEAREST = 0.2
-"""Points that come nearer than this part of their first distance are not followed."""
-
-VALUE, BY_SPIN, FLOW = 0, 5, 6
-"""Columns of what a sighting holds: the value, derivatives by rotation (1 to 3), offset (4) and
-spin (5), and the change with time, along which the corner flows."""
-
 STEPS, FORGIVING, AGAIN = 8, 2, 3
 """Steps of a track's own fit, of which the first ones forgive outliers; and steps from an earlier
 fit, with its weights."""
-
-
-@jit
-def _about_z(angle, a):
-    """Return a turned about Z by `angle`."""
-    c, s = math.cos(angle), math.sin(angle)
-    return c * a[0] - s * a[1], s * a[0] + c * a[1], a[2]
-
-
-@jit
-def _across_z(rate, a):
-    """Return rate * Z x a."""
-    return -rate * a[1], rate * a[0], 0.0
-
-
-@jit
-def _sum(a, b):
-    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
-
-
-@jit
-def _minus(a, b):
-    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
-
-
-@jit
-def _to_camera(R, a):
-    """Return R^T a."""
-    return (
-        R[0, 0] * a[0] + R[1, 0] * a[1] + R[2, 0] * a[2],
-        R[0, 1] * a[0] + R[1, 1] * a[1] + R[2, 1] * a[2],
-        R[0, 2] * a[0] + R[1, 2] * a[1] + R[2, 2] * a[2],
-    )
-
-
-@jit
-def _step(at, j, t):
-    """Return the step of t that `at` falls into, sought from step j on."""
-    while j > 0 and at < t[j]:
-        j -= 1
-    while j < t.size - 2 and at >= t[j + 1]:
-        j += 1
-    return j
-
-
-@jit
-def _state(at, j, motion):
-    """Return position, velocity, yaw and yaw rate in the world at time `at` within step j."""
-    t, v, slope, path, yaw, _ = motion
-    u = at - t[j]
-    position = (
-        path[j, 0] + u * (v[j, 0] + 0.5 * u * slope[j, 0]),
-        path[j, 1] + u * (v[j, 1] + 0.5 * u * slope[j, 1]),
-        path[j, 2] + u * (v[j, 2] + 0.5 * u * slope[j, 2]),
-    )
-    velocity = v[j, 0] + u * slope[j, 0], v[j, 1] + u * slope[j, 1], v[j, 2] + u * slope[j, 2]
-    rate = (yaw[j + 1] - yaw[j]) / (t[j + 1] - t[j])
-    return position, velocity, yaw[j] + u * rate, rate
-
-
-@jit
-def _axes(b):
-    """Return two axes across b, shape (2, 3)."""
-    least = 0
-    for k in range(1, 3):
-        if abs(b[k]) < abs(b[least]):
-            least = k
-    e = np.zeros((2, 3))
-    e[0, least] = 1.0
-    e[0] -= b[least] * b
-    e[0] /= math.sqrt(dot(e[0], e[0]))
-    e[1, 0], e[1, 1], e[1, 2] = cross(b, e[0])
-    return e
-
-
-@jit
-def _sighting(before, after, span, ray, camera, lever, a, z, y, dy):
-    """Fill in where a corner is seen, and the displacement in the same terms.
-
-    before, after : position, velocity, yaw and yaw rate of the body, see `_state`.
-    span : (time between them [s], spin [rad/s]).
-    ray : bearing at t2 in the body frame of t2.
-    camera : (R, b, e), rotation, bearing of the anchor, and axes across it.
-    a, z : (7, 2) and (7,), displacement across and along b, in columns as above.
-    y, dy : (2,) and (6, 2), the sighting and its derivatives (columns 1 to 5).
-
-    Returns whether the corner is in front.
-    """
-    R, b, e = camera
-    p1, _, yaw1, rate1 = before
-    p2, v2, yaw2, rate2 = after
-    time, spin = span
-    psi = yaw2 - yaw1 + time * spin
-    arm = _about_z(psi, lever)
-    path = _about_z(0.5 * time * spin - yaw1, _minus(p2, p1))
-    change = _sum(_about_z(-yaw1, _minus(v2, before[1])), _across_z(-rate1, path))
-    change = _sum(change, _across_z(rate2 - rate1, arm))
-    D = _sum(path, _minus(arm, lever))
-    seen_by_body = _about_z(psi, ray)
-    seen = _to_camera(R, seen_by_body)
-    depth = dot(b, seen)
-    if depth < NEAREST:
-        return False
-    y[0], y[1] = dot(e[0], seen) / depth, dot(e[1], seen) / depth
-    c, s = math.cos(psi) - 1.0, math.sin(psi)
-    none = (0.0, 0.0, 0.0)
-    moved = (
-        D,
-        (0.0, D[2], -D[1]),
-        (-D[2], 0.0, D[0]),
-        (D[1], -D[0], 0.0),
-        change,
-        _sum(_across_z(0.5 * time, path), _across_z(time, arm)),
-        _sum(_about_z(-yaw1, v2), _across_z(rate2, arm)),
-    )
-    turned = (
-        none,
-        cross((c, s, 0.0), seen_by_body),
-        cross((-s, c, 0.0), seen_by_body),
-        none,
-        _across_z(rate2 - rate1, seen_by_body),
-        _across_z(time, seen_by_body),
-        none,
-    )
-    for k in range(7):
-        d, h = _to_camera(R, moved[k]), _to_camera(R, turned[k])
-        a[k, 0], a[k, 1], z[k] = dot(e[0], d), dot(e[1], d), dot(b, d)
-        if k < 6:
-            along = dot(b, h)
-            dy[k, 0] = (dot(e[0], h) - y[0] * along) / depth
-            dy[k, 1] = (dot(e[1], h) - y[1] * along) / depth
-    return True
 
 
 @jit
@@ -308,28 +170,28 @@ def follow(tracks, R, unknowns, motion, options, out):
         scores[k] = 0.0
         losses[k] = (m - 1) * reach * reach / 6.0
         anchored = t1[low] + unknowns[0]
-        start = _step(anchored, start, t)
+        start = step_of(anchored, start, t)
         if anchored < t[0] or anchored > t[-1] or segment[start] != segment[start + 1]:
             continue
-        before = _state(anchored, start, motion)
+        before = state(anchored, start, motion)
         b = r1[low]
-        camera = (R, b, _axes(b))
+        camera = (R, b, axes(b))
         own = (dot(R[0], b), dot(R[1], b), dot(R[2], b))
-        _sighting(before, before, (0.0, 0.0), own, camera, lever, a[0], z[0], y[0], dy[0])
+        sighting(before, before, (0.0, 0.0), own, camera, lever, a[0], z[0], y[0], dy[0])
         known[0] = w[0] = 1.0
         seen = 0
         for i in range(1, m):
             a[i], z[i], y[i], dy[i] = 0.0, 0.0, 0.0, 0.0
             known[i] = 0.0
             r, at = r2[low + i - 1], t2[low + i - 1] + unknowns[0]
-            end = _step(at, end, t)
+            end = step_of(at, end, t)
             if at < t[0] or at > t[-1] or segment[start] != segment[end + 1]:
                 w[i] = 0.0
                 continue
             ray = (dot(R[0], r), dot(R[1], r), dot(R[2], r))
-            after = _state(at, end, motion)
+            after = state(at, end, motion)
             span = t2[low + i - 1] - t1[low], unknowns[2][group[k]]
-            if _sighting(before, after, span, ray, camera, lever, a[i], z[i], y[i], dy[i]):
+            if sighting(before, after, span, ray, camera, lever, a[i], z[i], y[i], dy[i]):
                 known[i] = 1.0
                 seen += 1
             w[i] *= known[i]
