@@ -175,7 +175,7 @@ def predict(
     information += np.diag([np.pi**-2] * 3 + [max_offset**-2])
     covariance = np.asarray(np.linalg.inv(information), dtype=np.float64)
     covariance += np.diag([SYSTEMATIC.rotation_sd**2] * 3 + [SYSTEMATIC.time_sd**2])
-    shifts = np.round(np.arange(-max_offset, max_offset + 0.005, 0.01), 2)
+    shifts = np.linspace(-max_offset, max_offset, 1 + 2 * max(round(max_offset / 0.02), 1))
     likeness = self_likeness(velocities, shifts, speed=speed)
     return Prediction(
         offset_sd=float(np.sqrt(covariance[3, 3])),
