@@ -25,6 +25,9 @@ for most of a second, and so does the error of the odometry's integral."""
 PASSES = 40
 """Most passes over the tracks."""
 
+FARTHEST = 0.3
+"""Largest step [rad, s]."""
+
 
 @dataclass(frozen=True, eq=False)
 class Problem:
@@ -143,6 +146,8 @@ def step(problem: Problem, fit: Fit, free: NDArray[np.bool_]) -> Floats | None:
     part = vectors[:, known]
     change = np.zeros(SPIN)
     change[free] = -(part @ ((part.T @ (score[free] / scale)) / values[known])) / scale
+    # What the tracks do not hold must not run away.
+    change *= min(1.0, FARTHEST / max(float(np.abs(change[: OFFSET + 1]).max()), 1e-300))
     fit.R = rotation_vector_to_matrix(change[:3]) @ fit.R
     fit.offset += float(change[OFFSET])
     fit.lag += float(change[LAG])

@@ -139,7 +139,9 @@ def align(
 
     interval = _offset_interval(evidence, answer.offset_sd, solution.covariance.samples, max_offset)
     if not evidence.observable:
-        answer.offset_sd = max(answer.offset_sd, (interval[1] - interval[0]) / np.sqrt(12))
+        # Nothing is known beyond the search.
+        sd = max(answer.offset_sd, (interval[1] - interval[0]) / np.sqrt(12))
+        answer.offset_sd = min(sd, max_offset)
     diagnostics = Diagnostics(
         heading_rate_z=evidence.heading_rate_z,
         follows_z=evidence.follows_z,

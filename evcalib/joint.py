@@ -38,6 +38,10 @@ SLOWEST = 2.0
 NO_YAW_RATE = 0.005
 """Yaw rate [rad/s] that a body may have where the odometry tells none."""
 
+JUMP = 0.25
+"""Change from one sample of the odometry to the next, as a share of the usual speed, that counts as
+sudden."""
+
 USUAL_SPAN = 0.4
 """Usual time from the first to the last sighting of a corner [s]."""
 
@@ -214,7 +218,8 @@ def refine_jointly(
         width = 0.0 if near is None else near.half_width(fit.offset)
         if search is not None and width > 0.8 * NEAR[-1]:
             width = max(width, search.half_width(fit.offset))
-        covariance[3, 3] = max(covariance[3, 3], (0.5 * width / GATE) ** 2) + systematic.time_sd**2
+        sd = max(float(np.sqrt(covariance[3, 3])), 0.5 * width / GATE, jump_floor(track))
+        covariance[3, 3] = sd**2 + systematic.time_sd**2
     return JointRefinement(
         R_body_cam=fit.R,
         offset=fit.offset,
@@ -249,6 +254,17 @@ def world_motion(velocities: VelocitySeries, track: VelocityTrack) -> tuple[NDAr
     v = np.stack([c * x - s * y, s * x + c * y, z], axis=1)
     slope, path = track_kernel.slopes(track.t, v), track_kernel.integrate(track.t, v, track.segment)
     return track.t, v, slope, path, yaw, track.segment
+
+
+def jump_floor(track: VelocityTrack) -> float:
+    """Return how well the time of a sudden change of the velocity is known [s]; 0 without any.
+
+    Between two samples of the odometry it may have come at any time.
+    """
+    step = np.diff(track.t)
+    change = np.linalg.norm(np.diff(track.v, axis=0), axis=1)
+    jumps = (change > JUMP * track.moving_speed) & (np.diff(track.segment) == 0)
+    return float(step[jumps].max(initial=0.0)) / np.sqrt(12.0)
 
 
 def yaw_rate_error(velocities: VelocitySeries, track: VelocityTrack) -> float:

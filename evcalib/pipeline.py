@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -28,6 +29,9 @@ from evcalib.tracks import tracks_of
 REFINEMENTS = ("tracks", "none")
 
 STAGES = ("headings", "alignment", "refinement")
+
+STRANGE_LAG = 4.0
+"""Standard deviations beyond which the lag of corners is not believed."""
 
 
 def calibrate(
@@ -95,7 +99,12 @@ def calibrate(
     timings: dict[str, float] = {}
     with _stage("headings", on_stage, timings):
         estimate = estimate_headings(
-            events, camera, surface=surface, rate=rate, seed=seed, keep_correspondences=True
+            _overlapping(events, body, max_offset),
+            camera,
+            surface=surface,
+            rate=rate,
+            seed=seed,
+            keep_correspondences=True,
         )
     with _stage("alignment", on_stage, timings):
         aligned = align(estimate.headings, body, max_offset=max_offset, offset=offset, seed=seed)
@@ -146,7 +155,29 @@ def _refined(
     if joint is not None and offset_observable(joint, max_offset):
         return finish(aligned, joint, estimate.headings, track, max_offset)
     joint = refine_jointly(*start, estimate_offset=False, **common)
-    return aligned if joint is None else keep(aligned, joint, estimate.headings)
+    if joint is None or abs(joint.lag - systematic.lag) > STRANGE_LAG * systematic.lag_sd:
+        # A lag that corners do not have makes up for an offset that is not the true one.
+        return aligned
+    return keep(aligned, joint, estimate.headings)
+
+
+def _overlapping(
+    events: Events | Iterable[Events], body: VelocitySeries, max_offset: float
+) -> Events | Iterable[Events]:
+    """Pass events on, unless the first ones come after the velocities end, at any offset."""
+    if isinstance(events, Events):
+        return events
+    pieces = iter(events)
+    first = next(pieces, None)
+    if isinstance(first, Events) and len(first):
+        start = 1e-6 * float(first.t[0])
+        if start - max_offset > body.t[-1]:
+            raise InputError(
+                f"the events begin at {start:.3f} s, the velocities end at {body.t[-1]:.3f} s: no"
+                f" overlap within +-{max_offset:g} s; bring the clocks together, or raise"
+                " max_offset"
+            )
+    return chain([] if first is None else [first], pieces)
 
 
 @contextmanager
