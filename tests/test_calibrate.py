@@ -21,7 +21,7 @@ from data_tools.recorded_drive import RecordedDrive, record_drive
 from data_tools.recordings import open_recording
 from data_tools.run_folder import MARKER
 from data_tools.series_files import read_velocities
-from evcalib import Camera, InputError, calibrate
+from evcalib import Camera, Events, InputError, VelocitySeries, calibrate
 from evcalib.geometry import rotation_angle
 
 EVCALIB = [sys.executable, "-c", "from evcalib.cli import main; main()"]
@@ -440,3 +440,16 @@ def test_a_batch_calibrates_what_it_can_and_names_the_rest(run, sweep, calibrate
     assert stored["offset_s"] == pytest.approx(printed["offset_s"], abs=1e-9)
     rows = (tmp_path / "all" / "summary.csv").read_text().splitlines()
     assert len(rows) == 3
+
+
+def test_events_after_the_velocities_are_refused_before_they_are_read():
+    t = np.arange(0.0, 5.0, 0.02)
+    body = VelocitySeries(t, np.column_stack([np.ones_like(t), np.sin(t), 0 * t]))
+
+    def pieces():
+        yield Events.from_arrays([1], [1], [9_000_000], [1], 32, 24)
+        raise AssertionError("the second piece is never asked for")
+
+    camera = Camera(32, 24, 30.0, 30.0, 15.5, 11.5)
+    with pytest.raises(InputError, match=r"begin at 9\.000 s"):
+        calibrate(pieces(), camera, body)
