@@ -165,8 +165,8 @@ def _overlapping(
     events: Events | Iterable[Events], body: VelocitySeries, max_offset: float
 ) -> Events | Iterable[Events]:
     """Pass events on, unless the first ones come after the velocities end, at any offset."""
-    if isinstance(events, Events):
-        return events
+    if isinstance(events, Events) or not isinstance(events, Iterable):
+        return events  # what is neither is refused where headings are estimated
     pieces = iter(events)
     first = next(pieces, None)
     if isinstance(first, Events) and len(first):

@@ -174,7 +174,7 @@ def test_calibrate_takes_pieces_and_tells_its_stages(sweep):
     )  # fmt: skip
     found = run.calibration
     assert stages == ["headings", "alignment", "refinement"] == list(run.timings)
-    assert rotation_angle(found.R_body_cam, sweep.drive.R_body_cam) < np.radians(2.0)
+    assert rotation_angle(found.R_body_cam, sweep.drive.R_body_cam) < np.radians(3.0)
     assert run.settings["camera_position"] == (0.1, 0.0, 0.4)
     assert run.gating is None
 

@@ -156,7 +156,7 @@ def test_a_full_disk_is_reported_and_leaves_nothing(tmp_path, name):
         try:
             convert(open_recording({str(tmp_path / "source.npz")!r}), {str(tmp_path / name)!r})
         except InputError as error:
-            print("InputError:", error)
+            print("InputError:", error, flush=True)  # HDF5 may crash at exit after that
     """
     run = subprocess.run(
         [sys.executable, "-c", textwrap.dedent(program)], capture_output=True, text=True

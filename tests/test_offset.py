@@ -308,7 +308,7 @@ def test_a_peak_without_neighbours_stays_on_the_grid():
 
 
 def test_the_second_peak_is_the_next_hill_beyond_a_valley():
-    ratio = module._second_peak_ratio
+    ratio = module.second_peak_ratio
     assert ratio(np.array([0.0, 1, 0, 0.5, 0]), 1) == 0.5
     assert ratio(np.array([0.0, 0.2, 1, 0.2, 0]), 2) == 0.0
     # A ripple of 3 % of the height is no hill.
