@@ -355,9 +355,9 @@ plt.show()
 # ## Error bars against the truth
 #
 # An error bar is a promise: that 95 % of them hold the truth. `evcalib study recorded --trials 10
-# --seed 1` draws drives that nothing was tuned to (motion, mounting, offset, room), simulates events
-# and wheel states, and calibrates. *Rough* means noisy pixels of unequal thresholds, wheels that slip by 5 %, and a body
-# that wobbles by up to 5 degrees per second.
+# --seed 1` draws drives that nothing was tuned to (motion, mounting, offset, room), simulates
+# events and wheel states, and calibrates. *Rough* means noisy pixels of unequal thresholds, wheels
+# that slip by 5 %, and a body that wobbles by up to 5 degrees per second.
 
 # %%
 table = read("recorded")
