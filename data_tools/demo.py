@@ -20,7 +20,7 @@ from evcalib.events import Events
 from evcalib.geometry import rotation_angle
 from evcalib.results import Calibration
 
-DURATION = 12.0
+DURATION = 9.5
 
 
 def demo_streams(seed: int = 1) -> SyntheticStreams:
@@ -35,7 +35,7 @@ def demo_streams(seed: int = 1) -> SyntheticStreams:
 
 
 def demo_drive(seed: int = 1) -> RecordedDrive:
-    """Return a sweeping drive of 12 s with wheels that slip and a body that turns a little."""
+    """Return a sweeping drive of 9.5 s with wheels that slip and a body that turns a little."""
     rough = Disturbances(Sensor(mismatch=0.1, noise_rate=1.0), slip=0.03, yaw_rate=np.radians(2.0))
     return record_drive(seed, duration=DURATION, disturbances=rough)
 
