@@ -28,27 +28,9 @@ LEAST_SLIP, USUAL_SLIPS = 0.05, 6.0
 """Rows whose slip is above this [m/s], and above so many times the median, are left out."""
 
 
-def calibrate_files(
-    recording: str | Path,
-    camera: str | Path,
-    *,
-    wheels: str | Path | None = None,
-    vehicle: str | Path | None = None,
-    velocities: str | Path | None = None,
-    output: str | Path | None = None,
-    **options: Any,
-) -> Calibration:
+def calibrate_files(recording: str | Path, camera: str | Path, **options: Any) -> Calibration:
     """Calibrate one recording; the calibration of `run_files`, whose parameters it takes."""
-    run = run_files(
-        recording,
-        camera,
-        wheels=wheels,
-        vehicle=vehicle,
-        velocities=velocities,
-        output=output,
-        **options,
-    )
-    return run.calibration
+    return run_files(recording, camera, **options).calibration
 
 
 def run_files(
@@ -124,8 +106,10 @@ def run_files(
 
         events, lens = open_with_camera(recording, camera, size=size, **(reading or {}))
         started = time.perf_counter()
-        limits = {"max_slip": max_slip, "max_yaw_rate": max_yaw_rate, **(motion or {})}
-        body = _body(source, vehicle, events.origin_us, limits)
+        whole = read_body_velocities(
+            source, vehicle=vehicle, origin_us=events.origin_us, **(motion or {})
+        )
+        body = _within_limits(whole, max_slip, max_yaw_rate)
         spent = time.perf_counter() - started
         run = calibrate(
             with_progress(iter(events)),
@@ -164,18 +148,15 @@ def _one_source(
     return wheels
 
 
-def _body(
-    source: str | Path, vehicle: str | Path | None, origin_us: int, limits: dict[str, Any]
+def _within_limits(
+    source: VelocitySource, max_slip: float | None, max_yaw_rate: float | None
 ) -> VelocitySource:
-    """Read how the body moved; a limit of the slip that was not given follows the usual slip."""
-    limits = {**limits, "vehicle": vehicle, "origin_us": origin_us}
-    whole = read_body_velocities(source, **{**limits, "max_slip": None, "max_yaw_rate": None})
-    if whole.velocities.yaw_rate is None:
-        limits["max_yaw_rate"] = None
-    if whole.wheels is not None and limits["max_slip"] is None:
-        usual = float(np.median(whole.wheels.slip))
-        limits["max_slip"] = max(LEAST_SLIP, USUAL_SLIPS * usual)
-    return read_body_velocities(source, **limits)
+    """Apply the limits there can be; one of the slip that was not given follows the usual slip."""
+    if source.velocities.yaw_rate is None:
+        max_yaw_rate = None
+    if source.wheels is not None and max_slip is None:
+        max_slip = max(LEAST_SLIP, USUAL_SLIPS * float(np.median(source.wheels.slip)))
+    return source.limited(max_slip=max_slip, max_yaw_rate=max_yaw_rate)
 
 
 def _description(events: Recording, run: CalibrationRun) -> dict[str, str]:

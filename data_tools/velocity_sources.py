@@ -32,6 +32,8 @@ class VelocitySource:
 
     Attributes
     ----------
+    name : str
+        The file it was read from.
     velocities : VelocitySeries
         Linear velocity of the body's origin and, if known, the yaw rate; times are shifted.
     wheels : BodyVelocities or None
@@ -40,9 +42,33 @@ class VelocitySource:
         What was taken for granted or left out.
     """
 
+    name: str
     velocities: VelocitySeries
     wheels: BodyVelocities | None = None
     notes: tuple[str, ...] = ()
+
+    def limited(
+        self, *, max_slip: float | None = None, max_yaw_rate: float | None = None
+    ) -> VelocitySource:
+        """Return what is within the limits; see `read_body_velocities`."""
+        if self.wheels is not None:
+            wheels = self.wheels.limited(max_slip, max_yaw_rate)
+            notes = (*self.notes[:-1], wheels.summary())
+            return replace(self, velocities=wheels.velocities, wheels=wheels, notes=notes)
+        if max_slip is not None:
+            raise InputError(
+                f"{self.name} holds velocities, which have no slip: max_slip needs wheels"
+            )
+        if max_yaw_rate is None:
+            return self
+        limit = _check.positive(max_yaw_rate, "max_yaw_rate", "rad/s")
+        if self.velocities.yaw_rate is None:
+            raise InputError(f"{self.name} has no yaw rate to be limited by max_yaw_rate")
+        keep = np.abs(self.velocities.yaw_rate) <= limit
+        if not keep.any():
+            raise InputError(f"{self.name}: all {keep.size} rows turn faster than {limit:g} rad/s")
+        left_out = f"{keep.size - int(keep.sum())} of {keep.size} rows over the yaw-rate limit"
+        return replace(self, velocities=self.velocities.select(keep), notes=(*self.notes, left_out))
 
 
 def read_body_velocities(
@@ -118,26 +144,12 @@ def read_body_velocities(
         motion = replace(motion, t=motion.t - origin / 1e6)
     if isinstance(motion, WheelLog):
         assert not isinstance(vehicle, str | Path | None)
-        body = body_velocities(motion, vehicle, max_slip=max_slip, max_yaw_rate=max_yaw_rate)
-        return VelocitySource(body.velocities, body, (*notes, body.summary()))
-    if max_slip is not None:
-        raise InputError(f"{path} holds velocities, which have no slip: max_slip needs wheels")
-    return _limited(motion, max_yaw_rate, notes, path)
-
-
-def _limited(
-    velocities: VelocitySeries, max_yaw_rate: float | None, notes: tuple[str, ...], path: Path
-) -> VelocitySource:
-    if max_yaw_rate is None:
-        return VelocitySource(velocities, notes=notes)
-    limit = _check.positive(max_yaw_rate, "max_yaw_rate", "rad/s")
-    if velocities.yaw_rate is None:
-        raise InputError(f"{path} has no yaw rate to be limited by max_yaw_rate")
-    keep = np.abs(velocities.yaw_rate) <= limit
-    if not keep.any():
-        raise InputError(f"{path}: all {keep.size} rows turn faster than {limit:g} rad/s")
-    left_out = f"{keep.size - int(keep.sum())} of {keep.size} rows over the yaw-rate limit"
-    return VelocitySource(velocities.select(keep), notes=(*notes, left_out))
+        body = body_velocities(motion, vehicle)
+        notes = (*notes, body.summary())
+        whole = VelocitySource(str(path), body.velocities, body, notes)
+    else:
+        whole = VelocitySource(str(path), motion, notes=notes)
+    return whole.limited(max_slip=max_slip, max_yaw_rate=max_yaw_rate)
 
 
 def _check_steps(t: NDArray[np.float64], path: Path) -> None:

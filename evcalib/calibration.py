@@ -176,7 +176,7 @@ def align(
         offset_sd=answer.offset_sd,
         offset_interval=interval,
         offset_observable=evidence.observable,
-        rotation_sd=min(float(np.sqrt(np.trace(answer.covariance))), np.pi),
+        rotation_sd=uncertainty.rotation_sd(answer.covariance),
         rotation_covariance=answer.covariance,
         rotation_radius=uncertainty.rotation_radius(
             answer.covariance, samples=solution.covariance.samples

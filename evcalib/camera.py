@@ -71,6 +71,11 @@ class Camera:
         """The 3 x 3 matrix K [px]."""
         return np.array([[self.fx, 0, self.cx], [0, self.fy, self.cy], [0, 0, 1.0]])
 
+    @property
+    def focal(self) -> float:
+        """Geometric mean of the two focal lengths [px]."""
+        return float(np.sqrt(self.fx * self.fy))
+
     def require_size(self, width: int, height: int) -> None:
         """Raise InputError unless the camera has this sensor size [px]."""
         if (width, height) != (self.width, self.height):

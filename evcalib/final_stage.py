@@ -94,7 +94,7 @@ def finish(
         offset_sd=sd,
         offset_interval=interval,
         offset_observable=True,
-        rotation_sd=min(float(np.sqrt(np.trace(covariance))), np.pi),
+        rotation_sd=uncertainty.rotation_sd(covariance),
         rotation_covariance=covariance,
         rotation_radius=uncertainty.rotation_radius(covariance, samples=joint.samples),
         rotation_observable=determined,
@@ -119,7 +119,7 @@ def keep(aligned: Calibration, joint: JointRefinement, headings: HeadingSeries) 
         aligned,
         R_body_cam=joint.R_body_cam,
         rotation_covariance=covariance,
-        rotation_sd=min(float(np.sqrt(np.trace(covariance))), np.pi),
+        rotation_sd=uncertainty.rotation_sd(covariance),
         residuals=_residuals(aligned.residuals, headings, joint.R_body_cam),
         joint=joint,
     )

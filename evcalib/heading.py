@@ -73,10 +73,9 @@ class HeadingEstimator:
                 f"max_baseline must be 1 to {MAX_STEPS - 1} keyframe intervals, not {steps}"
                 f" ({max_baseline} s at {rate} hertz)"
             )
-        focal = np.sqrt(camera.fx * camera.fy)
         self._options = FitOptions(
             solver=solver,
-            threshold=_check.positive(threshold, "threshold", "pixels") / focal,
+            threshold=_check.positive(threshold, "threshold", "pixels") / camera.focal,
             min_inliers=int(_check.positive(min_inliers, "min_inliers")),
             max_sd=np.deg2rad(_check.positive(max_sd, "max_sd", "degrees")),
             enough_sd=np.deg2rad(_check.positive(enough_sd, "enough_sd", "degrees")),

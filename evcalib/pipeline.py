@@ -9,8 +9,6 @@ from dataclasses import asdict
 from itertools import chain
 from typing import Any
 
-import numpy as np
-
 from evcalib import _check
 from evcalib.calibration import align
 from evcalib.camera import Camera
@@ -27,8 +25,6 @@ from evcalib.track import velocity_track
 from evcalib.tracks import tracks_of
 
 REFINEMENTS = ("tracks", "none")
-
-STAGES = ("headings", "alignment", "refinement")
 
 STRANGE_LAG = 4.0
 """Standard deviations beyond which the lag of corners is not believed."""
@@ -145,7 +141,7 @@ def _refined(
     tracks = tracks_of(estimate.correspondences)
     track = velocity_track(velocities)
     common: Mapping[str, Any] = {
-        "focal": float(np.sqrt(camera.fx * camera.fy)),
+        "focal": camera.focal,
         "max_offset": max_offset,
         "systematic": systematic,
         "lever": lever,

@@ -21,6 +21,11 @@ UNKNOWN = 1e3
 """Variance [rad^2, s^2] of what is not known at all."""
 
 
+def rotation_sd(covariance: Floats) -> float:
+    """Return the standard deviation of a rotation of this covariance [rad], pi at most."""
+    return min(float(np.sqrt(np.trace(covariance))), np.pi)
+
+
 @dataclass(frozen=True)
 class NoiseModel:
     """White noise plus an Ornstein-Uhlenbeck process.

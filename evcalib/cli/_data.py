@@ -5,12 +5,15 @@ from __future__ import annotations
 import json
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from evcalib.cli import _common as common
 from evcalib.cli._common import app
+
+if TYPE_CHECKING:
+    from data_tools.recordings import Recording
 
 
 @app.command()
@@ -23,17 +26,9 @@ def info(
     as_json: common.Json = False,
 ) -> None:
     """Say what a recording holds: sensor, count, rate, duration, gaps, disorder, losses."""
-    from data_tools.headings import parse_size
-    from data_tools.recordings import describe, open_recording
+    from data_tools.recordings import describe
 
-    opened = open_recording(
-        recording,
-        size=None if size is None else parse_size(size),
-        time_unit=time_unit,
-        format=format,
-        stream=stream,
-    )
-    found = describe(opened)
+    found = describe(_opened(recording, size, time_unit=time_unit, format=format, stream=stream))
     print(json.dumps(found.to_dict(), indent=2) if as_json else found.text())
 
 
@@ -49,21 +44,21 @@ def convert(
 ) -> None:
     """Write a recording in another format."""
     from data_tools.convert import convert as write
-    from data_tools.headings import parse_size
-    from data_tools.recordings import open_recording
 
-    opened = open_recording(
-        recording,
-        size=None if size is None else parse_size(size),
-        time_unit=time_unit,
-        format=format,
-        disorder=disorder,
-        stream=stream,
+    opened = _opened(
+        recording, size, time_unit=time_unit, format=format, disorder=disorder, stream=stream
     )
     count = write(opened, target)
     print(f"{count} events written to {target}")
     for what, lost in opened.losses.items():
         print(f"lost: {lost} {what}")
+
+
+def _opened(recording: Path, size: str | None, **options: Any) -> Recording:
+    from data_tools.headings import parse_size
+    from data_tools.recordings import open_recording
+
+    return open_recording(recording, size=None if size is None else parse_size(size), **options)
 
 
 @app.command()

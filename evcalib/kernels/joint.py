@@ -18,8 +18,8 @@ import math
 import numpy as np
 
 from evcalib.kernels._jit import jit
-from evcalib.kernels.epipolar import dot
-from evcalib.kernels.sighting import BY_SPIN, FLOW, NEAREST, VALUE, axes, sighting, state, step_of
+from evcalib.kernels.epipolar import dot, tangent_basis
+from evcalib.kernels.sighting import BY_SPIN, FLOW, NEAREST, VALUE, sighting, state, step_of
 
 UNKNOWNS = 6
 """Rotation vector in the body frame [rad] (3), offset [s], lag [rad], spin [rad/s]."""
@@ -175,7 +175,7 @@ def follow(tracks, R, unknowns, motion, options, out):
             continue
         before = state(anchored, start, motion)
         b = r1[low]
-        camera = (R, b, axes(b))
+        camera = (R, b, tangent_basis(b))
         own = (dot(R[0], b), dot(R[1], b), dot(R[2], b))
         sighting(before, before, (0.0, 0.0), own, camera, lever, a[0], z[0], y[0], dy[0])
         known[0] = w[0] = 1.0

@@ -5,8 +5,6 @@ All is in the camera frame of the first sighting, across and along the corner's 
 
 import math
 
-import numpy as np
-
 from evcalib.kernels._jit import jit
 from evcalib.kernels.epipolar import cross, dot
 
@@ -74,21 +72,6 @@ def state(at, j, motion):
     velocity = v[j, 0] + u * slope[j, 0], v[j, 1] + u * slope[j, 1], v[j, 2] + u * slope[j, 2]
     rate = (yaw[j + 1] - yaw[j]) / (t[j + 1] - t[j])
     return position, velocity, yaw[j] + u * rate, rate
-
-
-@jit
-def axes(b):
-    """Return two axes across b, shape (2, 3)."""
-    least = 0
-    for k in range(1, 3):
-        if abs(b[k]) < abs(b[least]):
-            least = k
-    e = np.zeros((2, 3))
-    e[0, least] = 1.0
-    e[0] -= b[least] * b
-    e[0] /= math.sqrt(dot(e[0], e[0]))
-    e[1, 0], e[1, 1], e[1, 2] = cross(b, e[0])
-    return e
 
 
 @jit

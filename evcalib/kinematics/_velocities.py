@@ -39,6 +39,31 @@ class BodyVelocities:
     over_yaw_rate: int
     removed: int
 
+    def limited(
+        self, max_slip: float | None = None, max_yaw_rate: float | None = None
+    ) -> BodyVelocities:
+        """Return the rows within limits [m/s], [rad/s]; see `body_velocities`."""
+        assert self.velocities.yaw_rate is not None
+        over_slip = _over(self.slip, max_slip, "max_slip", "m/s")
+        over_yaw_rate = _over(
+            np.abs(self.velocities.yaw_rate), max_yaw_rate, "max_yaw_rate", "rad/s"
+        )
+        kept = ~(over_slip | over_yaw_rate)
+        if not kept.any():
+            raise InputError(
+                f"no wheel row is left of {kept.size}: {int(over_slip.sum())} over the slip limit,"
+                f" {int(over_yaw_rate.sum())} over the yaw-rate limit; raise the limits"
+                " or check units, wheel positions and steering zero"
+            )
+        return BodyVelocities(
+            velocities=self.velocities.select(kept),
+            slip=self.slip[kept],
+            rows=self.rows,
+            over_slip=self.over_slip + int(over_slip.sum()),
+            over_yaw_rate=self.over_yaw_rate + int(over_yaw_rate.sum()),
+            removed=self.removed + int(kept.size - kept.sum()),
+        )
+
     def summary(self) -> str:
         """Return one line for people: rows, what was removed and why, and the slip."""
         gates = f"{self.over_slip} over the slip, {self.over_yaw_rate} over the yaw-rate limit"
@@ -81,24 +106,16 @@ def body_velocities(
         If the log does not fit the vehicle, a limit is not positive, or no row is left.
     """
     twist = vehicle.twist(wheel_log.states)
-    over_slip = _over(twist.slip, max_slip, "max_slip", "m/s")
-    over_yaw_rate = _over(np.abs(twist.yaw_rate), max_yaw_rate, "max_yaw_rate", "rad/s")
-    kept = ~(over_slip | over_yaw_rate)
-    if not kept.any():
-        raise InputError(
-            f"no wheel row is left of {kept.size}: {int(over_slip.sum())} over the slip limit,"
-            f" {int(over_yaw_rate.sum())} over the yaw-rate limit; raise the limits"
-            " or check units, wheel positions and steering zero"
-        )
-    v = np.column_stack([twist.v, np.zeros(kept.size)])
-    return BodyVelocities(
-        velocities=VelocitySeries(wheel_log.t, v, twist.yaw_rate, frame="body").select(kept),
-        slip=twist.slip[kept],
-        rows=int(kept.size),
-        over_slip=int(over_slip.sum()),
-        over_yaw_rate=int(over_yaw_rate.sum()),
-        removed=int(kept.size - kept.sum()),
+    v = np.column_stack([twist.v, np.zeros(len(twist.v))])
+    whole = BodyVelocities(
+        velocities=VelocitySeries(wheel_log.t, v, twist.yaw_rate, frame="body"),
+        slip=twist.slip,
+        rows=len(v),
+        over_slip=0,
+        over_yaw_rate=0,
+        removed=0,
     )
+    return whole.limited(max_slip, max_yaw_rate)
 
 
 def _over(

@@ -93,7 +93,7 @@ class HeadingPanel(widgets.VBox):
         """Return what the chosen solver makes of matches."""
         camera = self.recordings[self.recording.value].camera
         solver = SOLVERS[self.solver.value]
-        threshold = THRESHOLD_PX / float(np.sqrt(camera.fx * camera.fy))
+        threshold = THRESHOLD_PX / camera.focal
         return solver(pairs.r1, pairs.r2, threshold=threshold, groups=pairs.groups)
 
     def draw(self, pairs: Pairs, found: Translation | None) -> bytes:
