@@ -102,7 +102,7 @@ assert turned < found.rotation_radius
 from evcalib.plots.report import report_figures
 
 figures = report_figures(run)
-Image(style.png(figures["unaligned"], dpi=75))
+Image(style.png(figures["unaligned"], dpi=110))
 
 # %% [markdown]
 # After the calibration the dots must lie *on* the line. **See:** they do, in both panels; a few
@@ -110,14 +110,14 @@ Image(style.png(figures["unaligned"], dpi=75))
 # the camera's own intrinsics are off.
 
 # %%
-Image(style.png(figures["directions"], dpi=75))
+Image(style.png(figures["directions"], dpi=110))
 
 # %% [markdown]
 # And every offset was tried. **See:** there is one peak within the search, not several of the same
 # height, and its tip (right) is sharp enough for the green interval.
 
 # %%
-Image(style.png(figures["correlation"], dpi=75))
+Image(style.png(figures["correlation"], dpi=110))
 
 # %% [markdown]
 # ## What to do with the result
@@ -262,7 +262,7 @@ drive = plan("zigzag", period=1.5)
 forecast = predict(drive)
 draw_design(figure, drive, forecast, self_likeness(drive, forecast.shifts, speed=False))
 print(forecast.summary, "It repeats itself." if forecast.repeats else "")
-Image(style.png(figure, dpi=75))
+Image(style.png(figure, dpi=110))
 
 # %% [markdown]
 # Your turn:

@@ -32,7 +32,6 @@ from evcalib.geometry import angle_between, rotation_angle, unit
 from evcalib.plots import style
 
 style.use()
-plt.rcParams["figure.dpi"] = 70
 
 # %% [markdown]
 # ## Two drives

@@ -48,7 +48,7 @@ RC: Any = {
     "axes.spines.top": False,
     "axes.titlesize": 10,
     "figure.constrained_layout.use": True,
-    "figure.dpi": 80,
+    "figure.dpi": 110,
     "font.size": 9.5,
     "grid.alpha": 0.3,
     "legend.fontsize": 8.5,
