@@ -33,7 +33,6 @@ sensor's size (``.txt``: in a comment).
 
 from __future__ import annotations
 
-import contextlib
 import gzip
 import shutil
 import tempfile
@@ -47,6 +46,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from data_tools.atomic_files import replacing
 from data_tools.formats.csv import MARK
 from data_tools.formats.hdf5 import LAYOUT, VERSION
 from evcalib.errors import InputError
@@ -82,7 +82,7 @@ class EventSource(Protocol):
 def convert(recording: EventSource, target: str | Path) -> int:
     """Write a recording to another file, in bounded memory.
 
-    The file grows beside its final name, with ``.part`` added, and gets it when it is complete.
+    The file grows beside its final name and gets it when it is complete (`replacing`).
 
     Parameters
     ----------
@@ -109,17 +109,13 @@ def convert(recording: EventSource, target: str | Path) -> int:
         raise InputError(f"cannot write {target}: it is a folder")
     if target.exists() and recording.path.exists() and target.samefile(recording.path):
         raise InputError(f"{target} is the recording itself: give the copy another name")
-    part = target.with_name(target.name + ".part")
     try:
-        count = write(recording, part)
-        part.replace(target)
+        with replacing(target) as part:
+            count = write(recording, part)
     except (OSError, RuntimeError) as error:
         # h5py reports a full disk as a RuntimeError when it closes the file.
         why = getattr(error, "strerror", None) or error
         raise InputError(f"cannot write {target}: {why}") from None
-    finally:
-        with contextlib.suppress(OSError):
-            part.unlink(missing_ok=True)
     return count
 
 

@@ -14,15 +14,22 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
+from data_tools.atomic_files import PART, replacing
 from data_tools.export import write_calibration
 from data_tools.series_files import write_headings, write_velocities
 from evcalib.errors import EvcalibError, InputError
+
+try:
+    import fcntl
+except ImportError:  # pragma: no cover  (not on Windows)
+    fcntl = None  # type: ignore[assignment]
 
 if TYPE_CHECKING:
     from evcalib.run import CalibrationRun
@@ -42,8 +49,6 @@ NAMES = (
     *LAST,
 )
 """All files that a run, or an alignment, may leave behind."""
-
-PART = ".part"
 
 Writer = Callable[[Path], object]
 
@@ -65,9 +70,8 @@ def write_file(path: Path, writer: Writer) -> None:
     """
     if os.path.isdir(path) or not path.name:
         raise InputError(f"cannot write {path}: it is a folder, not a file")
-    part = _write_part(path, writer)
-    with _refusing(path), _removing(part):
-        part.replace(path)
+    with _refusing(path), replacing(path) as part:
+        writer(part)
 
 
 class RunFolder:
@@ -88,8 +92,8 @@ class RunFolder:
     Raises
     ------
     InputError
-        On entering, if the folder cannot be made or written, holds files that are not ours, or a
-        complete run that is not to be overwritten.
+        On entering, if the folder cannot be made or written, is in use by another run, holds files
+        that are not ours, or a complete run that is not to be overwritten.
     """
 
     def __init__(self, path: str | Path, *, overwrite: bool = False, command: str = "") -> None:
@@ -102,6 +106,7 @@ class RunFolder:
         self._was_marked = False
         self._written = False
         self._waiting: dict[str, Path] = {}
+        self._locked: int | None = None
 
     def __enter__(self) -> Self:
         """Check the folder, make it, and mark it as incomplete."""
@@ -113,10 +118,13 @@ class RunFolder:
             raise InputError(
                 f"cannot make the folder {self.path}: {error.strerror or error}"
             ) from None
+        self._lock()
         try:
+            self._check()
             self._mark()
         except BaseException:
             self._undo()
+            self._unlock()
             raise
         return self
 
@@ -170,6 +178,27 @@ class RunFolder:
         finally:
             if error is not None:
                 self._give_up(error)
+            self._unlock()
+
+    def _lock(self) -> None:
+        """Keep other runs out, as long as this process lives."""
+        if fcntl is None:
+            return
+        self._locked = os.open(self.path, os.O_RDONLY)
+        try:
+            fcntl.flock(self._locked, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            self._unlock()
+            raise InputError(
+                f"{self.path} is in use: another run is writing to it; give another folder"
+            ) from None
+        except OSError:  # pragma: no cover  (some network folders have no locks)
+            return
+
+    def _unlock(self) -> None:
+        if self._locked is not None:
+            os.close(self._locked)
+            self._locked = None
 
     def _check(self) -> None:
         if not os.path.lexists(self.path):
@@ -208,8 +237,9 @@ class RunFolder:
 
     def _clear(self) -> None:
         """Remove what an earlier run left, its calibration first."""
-        names = [*reversed(NAMES), *(name + PART for name in (*NAMES, MARKER))]
-        for name in names:
+        with _refusing(self.path):
+            parts = [path.name for path in self.path.iterdir() if path.name.endswith(PART)]
+        for name in (*reversed(NAMES), *filter(_is_ours, parts)):
             path = self.path / name
             with _refusing(path):
                 path.unlink(missing_ok=True)
@@ -276,7 +306,8 @@ def _removing(part: Path) -> Iterator[None]:
 
 
 def _is_ours(name: str) -> bool:
-    return name.removesuffix(PART) in (*NAMES, MARKER)
+    """Whether a file is of a run, or a part of one that a killed run left."""
+    return re.sub(rf"(\.\d+)?{re.escape(PART)}$", "", name) in (*NAMES, MARKER)
 
 
 def _expected(error: BaseException) -> bool:

@@ -7,15 +7,14 @@ many workers it was made, so that equal studies are equal files, byte for byte.
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Iterable, Mapping
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from data_tools.atomic_files import replacing
 from data_tools.studies._model import Cell, Outcome, Study
 from evcalib.errors import EvcalibError, InputError
 
@@ -66,9 +65,8 @@ def write_table(path: Path, identity: Mapping[str, Any], study: Study, columns: 
     """
     import h5py
 
-    part = path.with_name(path.name + ".part")
     try:
-        with h5py.File(part, "w", libver=("v110", "v110")) as file:
+        with replacing(path) as part, h5py.File(part, "w", libver=("v110", "v110")) as file:
             file.attrs["form"] = FORM
             file.attrs["identity"] = json.dumps(dict(identity))
             file.attrs["columns"] = json.dumps(list(columns))
@@ -81,12 +79,7 @@ def write_table(path: Path, identity: Mapping[str, Any], study: Study, columns: 
                 if data.dtype.itemsize == 0 or data.size == 0:
                     data, packing = data.astype("S1") if text else data, {}
                 table.create_dataset(name, data=data, **packing).attrs["text"] = text
-        with open(part, "rb") as written:
-            os.fsync(written.fileno())
-        os.replace(part, path)
     except (OSError, RuntimeError) as error:
-        with suppress(OSError):
-            part.unlink()
         raise EvcalibError(
             f"cannot write {path}: {error}; the finished trials are kept beside it: mend the cause"
             " and give the same command again"
