@@ -126,13 +126,20 @@ class Recording:
         Raises
         ------
         InputError
-            At damage that cannot be passed over, or times out of order (see `disorder`).
+            At damage that cannot be passed over, times out of order (see `disorder`), or at the
+            end, if the file grew or shrank meanwhile.
         """
+        size = self._size()
         self.losses = losses = Counter[str]()
         self.notes = list(self._source.notes)
         late = stages.Disorder()
         for piece in self._ordered(losses, late):
             yield self._events(piece)
+        if self._size() != size:
+            raise InputError(
+                f"{self.path} changed while it was read, from {size} to {self._size()} bytes;"
+                " read it when it is complete"
+            )
         if late.count and self._options.disorder == "sort":
             self.notes.append(
                 f"{late.count} late events were put in order, by up to {late.largest_us} us"
@@ -146,6 +153,9 @@ class Recording:
         self.losses = losses = Counter[str]()
         source = self._module.open(self.path, replace(self._options, disorder="keep"))
         return self._naming(self._within(source, losses))
+
+    def _size(self) -> int | None:
+        return self.path.stat().st_size if self.path.is_file() else None
 
     def _ordered(self, losses: Counter[str], late: stages.Disorder) -> Iterator[Columns]:
         pieces = self._within(self._source, losses)
