@@ -1,0 +1,130 @@
+"""What panels share: sliders, a play button, a way back to the start, and pictures made fast."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import cv2
+import ipywidgets as widgets
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from evcalib.plots import style
+
+DPI = 90
+"""Of the pictures in panels, so that the widest have room beside JupyterLab's file browser."""
+
+Picture = NDArray[np.uint8]
+
+
+def slider(
+    name: str, low: float, high: float, step: float, value: float, digits: str = ".0f"
+) -> widgets.FloatSlider:
+    """Return a slider whose name has room."""
+    return widgets.FloatSlider(
+        min=low,
+        max=high,
+        step=step,
+        value=value,
+        description=name,
+        readout_format=digits,
+        style={"description_width": "95px"},
+        layout={"width": "305px"},
+    )
+
+
+def whole_slider(name: str, low: int, high: int, step: int, value: int) -> widgets.IntSlider:
+    """Return a slider of whole numbers whose name has room."""
+    return widgets.IntSlider(
+        min=low,
+        max=high,
+        step=step,
+        value=value,
+        description=name,
+        style={"description_width": "95px"},
+        layout={"width": "305px"},
+    )
+
+
+def player(over: widgets.IntSlider, interval_ms: int) -> widgets.Play:
+    """Return buttons that move a slider on, step by step; the browser does it by itself."""
+    play = widgets.Play(
+        min=over.min, max=over.max, step=over.step, value=over.value, interval=interval_ms
+    )
+    widgets.jslink((play, "value"), (over, "value"))
+    return play
+
+
+def bare_figure(size: tuple[float, float], **margins: float) -> Figure:
+    """Return a figure with given margins (`Figure.subplots_adjust`), which saves half of the time.
+
+    To find margins that fit is what takes longest in a figure with constrained layout.
+    """
+    figure = Figure(figsize=size, dpi=DPI)
+    figure.subplots_adjust(**margins)
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def pixels(figure: Figure) -> Picture:
+    """Return a figure as an image in OpenCV's order of colours, shape (height, width, 3)."""
+    canvas = figure.canvas
+    assert isinstance(canvas, FigureCanvasAgg)
+    with style.context():
+        canvas.draw()
+    shown = np.asarray(canvas.buffer_rgba())
+    return np.ascontiguousarray(shown[..., 2::-1])
+
+
+def encode(picture: Picture) -> bytes:
+    """Return an image as the bytes of a PNG file, the same for the same image."""
+    return cv2.imencode(".png", picture, [cv2.IMWRITE_PNG_COMPRESSION, 1])[1].tobytes()
+
+
+class Panel(widgets.VBox):
+    """Controls that draw when they change, and a button that takes all of them back.
+
+    A panel says what to draw in `_draw`, and calls `_start` once everything is there.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.reset = widgets.Button(description="reset", icon="undo", layout={"width": "90px"})
+
+    def _start(self, controls: Sequence[Any], children: Sequence[widgets.Widget]) -> None:
+        """Show the children, draw, and draw again whenever a control changes."""
+        self._controls = tuple(controls)
+        self._first = [control.value for control in self._controls]
+        self._held = False
+        self.reset.on_click(lambda button: self.restart())
+        for control in self._controls:
+            control.observe(lambda change: self._changed(), names="value")
+        self.children = tuple(children)
+        self._draw()
+
+    def restart(self) -> None:
+        """Set all controls to what they were at first."""
+        with self._at_once():
+            for control, value in zip(self._controls, self._first, strict=True):
+                control.value = value
+
+    @contextmanager
+    def _at_once(self) -> Iterator[None]:
+        """Let several controls change, and draw once."""
+        self._held = True
+        try:
+            yield
+        finally:
+            self._held = False
+        self._draw()
+
+    def _changed(self) -> None:
+        if not self._held:
+            self._draw()
+
+    def _draw(self) -> None:
+        raise NotImplementedError
