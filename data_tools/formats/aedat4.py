@@ -1,107 +1,53 @@
-"""AEDAT 4 (iniVation's DV), read by the library `aedat`.
+"""AEDAT 4 (iniVation's DV).
 
-The library stops with an error at a file that was cut off, so this module first walks over the
-headers of packets, which costs next to nothing, and asks for no more packets than are whole.
+Packets are read one by one, in memory of one packet.  The format has no checksums, and its writers
+do not switch on those of LZ4, so a flipped bit may change an event unnoticed; but each packet must
+hold as many events, from the first to the last time, as the table at the end of the file says.
 """
 
 from __future__ import annotations
 
-import struct
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
-from types import ModuleType
-from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from data_tools._unpack import unpack
 from data_tools.formats import Columns, Options, Source
+from data_tools.formats._aedat4_layout import (
+    LARGEST_PACKET,
+    MAGIC,
+    Layout,
+    Told,
+    read_events,
+    read_layout,
+)
 from evcalib.errors import InputError
 
 NAMES = ("aedat4",)
 
-_MAGIC = b"#!AER-DAT4.0\r\n"
-_LARGEST_HEADER = 1 << 24
-_LARGEST_PACKET = 1 << 30
-
 
 def matches(path: Path, head: bytes) -> bool:
     """Tell whether the file starts with the format's line."""
-    return head.startswith(_MAGIC)
+    return head.startswith(MAGIC)
 
 
 def open(path: Path, options: Options) -> Source:
     """Open a file; `options.stream` is the number of the event stream, where it has several."""
-    layout = _layout(path)
-    streams = {
-        number: stream
-        for number, stream in _decoder(path).id_to_stream().items()
-        if stream["type"] == "events"
-    }
-    number = _chosen(path, sorted(streams), options)
-    declared = (int(streams[number]["width"]), int(streams[number]["height"]))
-    width, height = options.sensor(path, declared)
+    layout = read_layout(path)
+    number = _chosen(path, sorted(layout.sensors), options)
+    width, height = options.sensor(path, layout.sensors[number])
+    notes = () if layout.told else ("the file has no table of its packets to check them against",)
 
     def pieces(losses: Counter[str]) -> Iterator[Columns]:
         if layout.cut_off:
             losses["bytes of a cut-off last packet"] += layout.cut_off
-        for packet in _packets(path, layout.packets):
-            if packet["stream_id"] == number and "events" in packet:
-                events = packet["events"]
-                yield Columns(events["x"], events["y"], events["t"].astype(np.int64), events["on"])
+        for events in _packets(path, layout, number):
+            yield Columns(events["x"], events["y"], events["t"].astype(np.int64), events["on"] == 1)
 
-    return Source("aedat4", width, height, pieces)
-
-
-@dataclass(frozen=True)
-class _Layout:
-    """How many packets of a file are whole, and how many bytes follow them that are not."""
-
-    packets: int
-    cut_off: int
-
-
-def _layout(path: Path) -> _Layout:
-    """Walk over the packets: 8 bytes (stream, size), then so many bytes, up to the table of data.
-
-    A recorder that was stopped hard leaves no table; the packets then go on to the end.
-    """
-    try:
-        size = path.stat().st_size
-        with path.open("rb") as file:
-            head = file.read(len(_MAGIC) + 4)
-            length = struct.unpack_from("<I", head, len(_MAGIC))[0] if len(head) == 18 else size
-            if 18 + length > min(size, _LARGEST_HEADER):
-                raise InputError(f"{path} ends within its header, or the header is damaged")
-            at = 18 + length
-            table = _table_position(file.read(length))
-            end = table if at <= table <= size else size
-            packets = 0
-            while at + 8 <= end:
-                file.seek(at + 4)
-                after = at + 8 + struct.unpack("<I", file.read(4))[0]
-                if after > end:
-                    break
-                if after - at > _LARGEST_PACKET:
-                    raise InputError(f"{path} is damaged: packet {packets} has {after - at} bytes")
-                at, packets = after, packets + 1
-            return _Layout(packets, end - at)
-    except OSError as error:
-        raise InputError(f"cannot read {path}: {error.strerror or error}") from None
-
-
-def _table_position(header: bytes) -> int:
-    """Return the second field of the FlatBuffer that the header is; -1 if it is not there."""
-    try:
-        root = struct.unpack_from("<I", header)[0]
-        fields = root - struct.unpack_from("<i", header, root)[0]
-        if fields < 0 or struct.unpack_from("<H", header, fields)[0] < 8:
-            return -1
-        offset = struct.unpack_from("<H", header, fields + 6)[0]
-        return int(struct.unpack_from("<q", header, root + offset)[0]) if offset else -1
-    except struct.error:
-        return -1
+    return Source("aedat4", width, height, pieces, notes)
 
 
 def _chosen(path: Path, numbers: list[int], options: Options) -> int:
@@ -117,43 +63,29 @@ def _chosen(path: Path, numbers: list[int], options: Options) -> int:
     return numbers[0]
 
 
-def _library() -> ModuleType:
+def _packets(path: Path, layout: Layout, stream: int) -> Iterator[NDArray[np.void]]:
+    """Yield the events of each packet of a stream."""
     try:
-        import aedat
-    except ImportError:
-        raise InputError(
-            'AEDAT 4 needs the library aedat: pip install "evcalib[formats]"'
-        ) from None
-    return aedat
+        with path.open("rb") as file:
+            for place, packet in enumerate(layout.packets):
+                if packet.stream != stream:
+                    continue
+                file.seek(packet.start)
+                packed = file.read(packet.size)
+                try:
+                    events = read_events(unpack(packed, layout.compression, LARGEST_PACKET))
+                    _check(events, layout.told and layout.told[place])
+                except InputError as error:
+                    raise InputError(f"{path} is damaged in packet {place}: {error}") from None
+                yield events
+    except OSError as error:
+        raise InputError(f"cannot read {path}: {error.strerror or error}") from None
 
 
-def _decoder(path: Path) -> Any:
-    library = _library()
-    try:
-        return library.Decoder(path)
-    except BaseException as error:
-        raise _in_words(error, path, "its header") from None
-
-
-def _packets(path: Path, count: int) -> Iterator[dict[str, Any]]:
-    decoder = iter(_decoder(path))
-    for number in range(count):
-        try:
-            packet = next(decoder)
-        except StopIteration:
-            raise InputError(
-                f"{path} is damaged: of its {count} packets only {number} can be read"
-            ) from None
-        except BaseException as error:
-            raise _in_words(error, path, f"packet {number}") from None
-        yield packet
-
-
-def _in_words(error: BaseException, path: Path, where: str) -> BaseException:
-    """Return an InputError for damage; a panic of the library is a BaseException of its own kind.
-
-    Anything else, like an interrupt, stays what it is.
-    """
-    if isinstance(error, Exception) or type(error).__name__ == "PanicException":
-        return InputError(f"{path} is damaged in {where}: {error}")
-    return error
+def _check(events: NDArray[np.void], told: Told | None) -> None:
+    if told is None:
+        return
+    if events.size != told.count:
+        raise InputError(f"it holds {events.size} events, not {told.count} as the table says")
+    if events.size and (events["t"][0], events["t"][-1]) != (told.first_us, told.last_us):
+        raise InputError("its first or last time is not that of the table")

@@ -1,0 +1,292 @@
+"""Small files of every kind that a reader reads, as bytes: what is cut, flipped and mutated."""
+
+import gzip
+import io
+import zipfile
+from functools import lru_cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import h5py
+import naive_formats as naive
+import numpy as np
+import yaml
+
+WIDTH, HEIGHT = 64, 48
+COUNT = 300
+START_NS = 1_675_956_550_123_456_789
+
+
+def columns(count=COUNT, seed=0):
+    """Return x, y, t [us], p of events that ascend in time, some at the same one."""
+    rng = np.random.default_rng(seed)
+    t = 5_000_000 + np.cumsum(rng.integers(0, 40, count))
+    x, y = rng.integers(0, WIDTH, count), rng.integers(0, HEIGHT, count)
+    return x.astype(np.uint16), y.astype(np.uint16), t, rng.integers(0, 2, count).astype(np.uint8)
+
+
+def rows(count=COUNT, seed=0):
+    """Return the events as tuples (t, x, y, p)."""
+    x, y, t, p = columns(count, seed)
+    return list(zip(t.tolist(), x.tolist(), y.tolist(), p.tolist(), strict=True))
+
+
+def text(count=COUNT, seed=0):
+    lines = [f"{t / 1e6:.6f} {x} {y} {p}\n" for t, x, y, p in rows(count, seed)]
+    return "".join(lines).encode()
+
+
+def text_gzip(count=COUNT):
+    return gzip.compress(text(count), mtime=0)
+
+
+def zipped(members, method=zipfile.ZIP_DEFLATED):
+    """Return a zip of (name, content), without the times of day."""
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w", method) as archive:
+        for name, content in members:
+            archive.writestr(zipfile.ZipInfo(name), content, method)
+    return packed.getvalue()
+
+
+def text_zip(count=COUNT):
+    return zipped([("run/calib.txt", b"1 2 3 4\n"), ("run/events.txt", text(count))])
+
+
+def csv(count=COUNT):
+    head = f"# evcalib-events width={WIDTH} height={HEIGHT} time_unit=us\nx,y,t,p\n"
+    return (head + "".join(f"{x},{y},{t},{p}\n" for t, x, y, p in rows(count))).encode()
+
+
+def array(values):
+    """Return an array as the bytes of a .npy file."""
+    held = io.BytesIO()
+    np.lib.format.write_array(held, np.asarray(values), allow_pickle=False)
+    return held.getvalue()
+
+
+def npz(method=zipfile.ZIP_DEFLATED):
+    named = dict(zip("xytp", columns(), strict=True)) | {"width": WIDTH, "height": HEIGHT}
+    return zipped([(f"{name}.npy", array(values)) for name, values in named.items()], method)
+
+
+def authors_npz():
+    rng = np.random.default_rng(3)
+    t = 100.0 + 0.05 * np.arange(40)
+    angle = 0.02 * np.arange(40)
+    v_o = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
+    v_e = np.stack([-np.sin(angle), 0 * angle, np.cos(angle)], axis=1)
+    table = np.column_stack([v_e, t + rng.uniform(-0.004, 0.004, 40), v_o, t])
+    return zipped([("best_set.npy", array(table))], zipfile.ZIP_STORED)
+
+
+def hdf5(layout, **filters):
+    """Return an HDF5 file of one of the four layouts, in chunks of 64 events."""
+    x, y, t, p = columns()
+    filters = filters or {"compression": "gzip", "shuffle": True}
+    held = io.BytesIO()
+    with h5py.File(held, "w") as file:
+        if layout == "mvsec":
+            table = np.column_stack([x, y, t / 1e6, 2.0 * p - 1])
+            file.create_dataset("davis/left/events", data=table, chunks=(64, 4), **filters)
+        elif layout == "prophesee-hdf5":
+            kind = np.dtype([("x", "<u2"), ("y", "<u2"), ("p", "<i2"), ("t", "<i8")])
+            table = np.zeros(x.size, kind)
+            table["x"], table["y"], table["p"], table["t"] = x, y, p, t
+            file.create_dataset("CD/events", data=table, chunks=(64,), **filters)
+            file.attrs["geometry"] = f"{WIDTH}x{HEIGHT}"
+        else:
+            group = file.create_group("events")
+            for name, values in zip("xytp", (x, y, t, p), strict=True):
+                group.create_dataset(name, data=values, chunks=(64,), **filters)
+            if layout == "evcalib":
+                told = {"format": "evcalib-events", "version": 1, "width": WIDTH, "height": HEIGHT}
+                group.attrs.update(told | {"time_unit": "us", "origin_us": 0, "count": x.size})
+            else:
+                file["t_offset"] = 7_000_000
+    return held.getvalue()
+
+
+def evt2():
+    return naive.HEADER_EVT2.replace(b"640x480", b"64x48") + naive.evt2_words(rows())
+
+
+def evt3():
+    return b"% evt 3.0\n% format EVT3;height=48;width=64\n% end\n" + naive.evt3_words(rows())
+
+
+def dat():
+    return b"% Version 2\n% Width 64\n% Height 48\n" + naive.dat_records(rows())
+
+
+def bag(kind, type="dvs_msgs/msg/EventArray", chunk=2000):
+    """Return the one file of a bag of events; `kind` is one of `bag_writing.KINDS`."""
+    from bag_writing import Maker
+
+    make = Maker(kind)
+    stamped = [
+        [(x, y, START_NS + 1000 * t, bool(p)) for t, x, y, p in rows()[k : k + 50]]
+        for k in range(0, COUNT, 50)
+    ]
+    if type.endswith("EventArray"):
+        messages = [(part[0][2], make.array(type, part, WIDTH, HEIGHT)) for part in stamped]
+    else:
+        messages = _packets(make)
+    return _bag_file(make, "/events", messages, chunk)
+
+
+def _packets(make):
+    size = {"width": WIDTH, "height": HEIGHT}
+    messages = []
+    for number in range(6):
+        part = rows()[50 * number : 50 * number + 50]
+        words = np.frombuffer(naive.evt3_words(part), np.uint16)
+        at = START_NS + 1000 * part[-1][0] + 700_000
+        messages.append((at, make.packet(at, number, "evt3", words, **size)))
+    return messages
+
+
+def motion_bag(kind, joints=False):
+    """Return the one file of a bag of twists or joints."""
+    from bag_writing import Maker
+
+    make = Maker(kind)
+    stamps = START_NS + 20_000_000 * np.arange(30)
+    if joints:
+        messages = [
+            (t, make.joints(int(t), ("a", "b"), (0.1, 0.2), (1.0, 2.0))) for t in stamps.tolist()
+        ]
+    else:
+        messages = [(t, make.twist_stamped(t, (1.0, 0.1, 0.0), 0.2)) for t in stamps.tolist()]
+    return _bag_file(make, "/motion", messages, 500)
+
+
+def _bag_file(make, topic, messages, chunk):
+    with TemporaryDirectory() as folder:
+        path = make.write(Path(folder), [(topic, messages)], chunk)
+        if path.is_dir():
+            (path,) = (one for one in path.iterdir() if one.suffix != ".yaml")
+        return path.read_bytes()
+
+
+@lru_cache
+def bag_folder():
+    """Return metadata.yaml and the database of a ROS 2 bag."""
+    from bag_writing import Maker
+
+    make = Maker("sqlite3")
+    part = [(x, y, START_NS + 1000 * t, bool(p)) for t, x, y, p in rows(20)]
+    message = make.array("dvs_msgs/msg/EventArray", part, WIDTH, HEIGHT)
+    with TemporaryDirectory() as folder:
+        path = make.write(Path(folder), [("/events", [(START_NS, message)])])
+        (database,) = path.glob("*.db3")
+        return (path / "metadata.yaml").read_bytes(), database.name, database.read_bytes()
+
+
+def aedat4(recording, most=60_000):
+    """Return the first packets of a real AEDAT 4 file, whole ones only."""
+    whole = Path(recording).read_bytes()
+    at = 18 + int.from_bytes(whole[14:18], "little")
+    while at + 8 + (size := int.from_bytes(whole[at + 4 : at + 8], "little")) <= most:
+        at += 8 + size
+    return whole[:at]
+
+
+def table(header, count=30, step=0.02):
+    """Return a CSV of times and a few numbers with many digits."""
+    rng = np.random.default_rng(4)
+    names = header.split(",")
+    lines = [header]
+    for k in range(count):
+        values = [repr(100 + step * k), *map(repr, rng.uniform(0.1, 1.0, len(names) - 1).tolist())]
+        lines.append(",".join(values))
+    return ("\n".join(lines) + "\n").encode()
+
+
+def headings():
+    lines = ["t,vx,vy,vz,t_start,t_end,weight,sd_deg,inliers,valid"]
+    for k in range(30):
+        t, angle = 10 + 0.05 * k, 0.03 * k
+        x, z = np.sin(angle).item(), np.cos(angle).item()
+        lines.append(f"{t!r},{x!r},0.0,{z!r},{t - 0.2!r},{t + 0.2!r},{0.5 + k / 60!r},1.25,40,1")
+    return ("\n".join(lines) + "\n").encode()
+
+
+def tum(count=30):
+    lines = ["# t x y z qx qy qz qw"]
+    for k in range(count):
+        half = 0.01 * k
+        turn = f"0.0 0.0 {np.sin(half).item()!r} {np.cos(half).item()!r}"
+        lines.append(f"{5 + 0.1 * k!r} {0.05 * k!r} 0.0 1.5 {turn}")
+    return ("\n".join(lines) + "\n").encode()
+
+
+CALIB_TXT = b"199.0923 198.8284 32.1925 24.5083 -0.3684 0.1504 -0.0003 -0.0003 0.0125\n"
+
+CAMCHAIN = b"""cam0:
+  cam_overlaps: []
+  camera_model: pinhole
+  distortion_coeffs: [-0.048031, 0.011330, -0.055378, 0.021500]
+  distortion_model: equidistant
+  intrinsics: [199.6534, 199.6534, 32.5043, 24.4590]
+  resolution: [64, 48]
+  rostopic: /events
+"""
+
+VEHICLE = b"""type: swerve
+method: average
+wheels:
+  fl: {x: 0.30, y: 0.25}
+  fr: {x: 0.30, y: -0.25}
+  rl: {x: -0.30, y: 0.25}
+"""
+
+OMNI = b"""type: omni
+wheels:
+  a: {x: 0.20, y: 0.0, drive_deg: 90}
+  b: {x: -0.10, y: 0.17, drive_deg: 210}
+  c: {x: -0.10, y: -0.17, drive_deg: 330}
+"""
+
+MECANUM = b"type: mecanum\nwheelbase: 0.505\ntrack: 0.425\n"
+
+COLUMN_MAP = b"""wheel_radius: 0.05
+t: {column: stamp, unit: ms}
+speed_fl: {column: fl_rate, unit: rad/s}
+speed_fr: {column: fr_rate, unit: rpm, scale: -1}
+steer_fl: {column: fl_angle, unit: deg}
+steer_fr: fr_angle
+"""
+
+BATCH_LIST = b"""defaults:
+  camera: calib.txt
+  vehicle: vehicle.yaml
+recordings:
+  - recording: monday/events.txt.gz
+    wheels: monday/wheels.csv
+    name: monday
+  - recording: tuesday/events.aedat4
+    velocities: tuesday/velocities.csv
+    size: 346x260
+    max_offset: 2.0
+"""
+
+WHEELS = "t,speed_fl,steer_fl,speed_fr,steer_fr,speed_rl,steer_rl"
+
+
+def calibration():
+    """Return a calibration.yaml as `evcalib` writes it, without a run."""
+    content = {
+        "R_body_cam": [[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]],
+        "offset_s": 0.1234567,
+        "offset_sd_s": 0.0125,
+        "offset_interval_s": [0.1, 0.15],
+        "offset_observable": False,
+        "rotation_sd_deg": 0.25,
+        "rotation_observable": True,
+        "unknown_axis": None,
+        "verdict": "The rotation is determined.",
+        "settings": {"offset": None, "rate": 20.0},
+        "convention": "v_body = R_body_cam v_cam",
+    }
+    return yaml.safe_dump(content, sort_keys=False, default_flow_style=None).encode()
