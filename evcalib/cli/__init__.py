@@ -11,7 +11,7 @@ from typing import Any
 import typer
 
 # Importing them adds their commands, in this order.
-from evcalib.cli import _chain, _data, _runs  # noqa: F401
+from evcalib.cli import _chain, _data, _lab, _runs  # noqa: F401
 from evcalib.cli._common import BAD_INPUT, INTERRUPTED, NO_ANSWER, Interrupted, app
 from evcalib.errors import EvcalibError
 
