@@ -299,7 +299,6 @@ def main() -> None:
 def _preload() -> None:
     """Load the libraries once; the project itself is loaded by each fork."""
     import cv2  # noqa: F401
-    import hypothesis  # noqa: F401
     import matplotlib.pyplot  # noqa: F401
     import numba  # noqa: F401
     import pytest  # noqa: F401
