@@ -1,0 +1,129 @@
+"""Move everything that can be moved in a panel of widgets, as a reader would, and see it change.
+
+Works in any page that shows ipywidgets: JupyterLab and Voila.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass, field
+
+from playwright.sync_api import Locator, Page
+
+PANEL = ".jp-OutputArea-output:has(> .jupyter-widgets, > * > .jupyter-widgets)"
+PLAYING = 1_500
+"""How long a play button is left on [ms]."""
+_PIXELS = "panel => probe.pixels(panel)"
+
+
+@dataclass
+class Move:
+    """One control moved by one step.
+
+    Attributes
+    ----------
+    control : str
+        Kind and name, as *slider offset [s]*.
+    ms : int or None
+        From the key press to the new picture; None if no new picture came.
+    changed : bool
+        Whether pixels of the panel's pictures changed.
+    words : bool
+        Whether its text changed.
+    """
+
+    control: str
+    ms: int | None
+    changed: bool
+    words: bool
+
+
+@dataclass
+class Report:
+    """What happened in one panel."""
+
+    pictures: int
+    moves: list[Move] = field(default_factory=list)
+
+    def of(self, kind: str) -> list[Move]:
+        """Return the moves of one kind of control."""
+        return [move for move in self.moves if move.control.startswith(kind)]
+
+    def summary(self) -> dict:
+        """Return it as plain data."""
+        return {"pictures": self.pictures, "moves": [asdict(move) for move in self.moves]}
+
+
+def panels(page: Page) -> list[Locator]:
+    """Return the panels of a page, in order."""
+    return page.locator(PANEL).all()
+
+
+def exercise(panel: Locator, settle: Callable[[], None], *, patience: int = 5_000) -> Report:
+    """Move each slider, choice and box of a panel once, then press each button.
+
+    Parameters
+    ----------
+    panel : Locator
+        One of `panels`.
+    settle : callable
+        Waits until the kernel has nothing left to do, as far as the page knows.
+    patience : int
+        Wait for a new picture after that [ms].
+    """
+    panel.scroll_into_view_if_needed()
+    report = Report(panel.locator("img, canvas").count())
+    for name, move in _controls(panel):
+        pixels, words = panel.evaluate(_PIXELS), _words(panel)
+        panel.evaluate("panel => probe.watch(panel)")
+        move()
+        settle()
+        ms = panel.evaluate("(panel, patience) => probe.awaited(patience)", patience)
+        settle()
+        changed = panel.evaluate(_PIXELS) != pixels
+        report.moves.append(Move(name, ms and round(ms), changed, _words(panel) != words))
+    return report
+
+
+def _controls(panel: Locator) -> Iterator[tuple[str, Callable[[], None]]]:
+    for slider in panel.locator(".widget-slider:has(.noUi-handle)").all():
+        handle = slider.locator(".noUi-handle").first
+        yield f"slider {_name(slider)}", lambda handle=handle: _step(handle)
+    for choice in panel.locator(".widget-dropdown:has(select:enabled)").all():
+        yield f"choice {_name(choice)}", lambda choice=choice: _next(choice.locator("select"))
+    for box in panel.locator("input[type=checkbox]:enabled").all():
+        name = box.locator("xpath=..").inner_text().strip()
+        yield f"box {name}", lambda box=box: box.press("Space")
+    for play in panel.locator(".widget-play").all():
+        yield "play", lambda play=play: _play(play)
+    for button in panel.locator("button.widget-button:enabled").all():
+        yield f"button {button.inner_text().strip()}", lambda button=button: button.press("Enter")
+
+
+def _step(handle: Locator) -> None:
+    """Move a slider by one step to the right, or to the left if it stands at its end."""
+    at_end = handle.get_attribute("aria-valuenow") == handle.get_attribute("aria-valuemax")
+    handle.focus()
+    handle.press("ArrowLeft" if at_end else "ArrowRight")
+
+
+def _next(box: Locator) -> None:
+    """Choose the next option, or the first after the last."""
+    count, index = box.evaluate("s => [s.options.length, s.selectedIndex]")
+    box.select_option(index=(index + 1) % count)
+
+
+def _play(play: Locator) -> None:
+    """Let it play a moment, then pause."""
+    button = play.locator("button").first
+    button.click()
+    play.page.wait_for_timeout(PLAYING)
+    button.click()
+
+
+def _name(control: Locator) -> str:
+    return control.locator(".widget-label").first.inner_text().strip()
+
+
+def _words(panel: Locator) -> list[str]:
+    return panel.locator(".widget-html").all_inner_texts()

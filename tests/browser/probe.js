@@ -1,0 +1,66 @@
+// Looks at the pictures of a panel of widgets from inside the page.
+window.probe = (() => {
+  const pictures = panel =>
+    [...panel.querySelectorAll('img, canvas')].filter(e => e.getBoundingClientRect().width > 20);
+
+  // What is cheap to compare many times a second: a new picture has a new address.
+  const address = e => (e.tagName === 'CANVAS' ? e.toDataURL() : e.src);
+  const ready = e => e.tagName === 'CANVAS' || (e.complete && e.naturalWidth > 0);
+  const glance = panel => pictures(panel).map(address).join('\n');
+
+  // What counts: the pixels themselves.
+  const pixels = async panel => {
+    const painted = [];
+    for (const picture of pictures(panel)) {
+      if (picture.decode) await picture.decode();
+      const canvas = document.createElement('canvas');
+      canvas.width = picture.naturalWidth || picture.width;
+      canvas.height = picture.naturalHeight || picture.height;
+      canvas.getContext('2d').drawImage(picture, 0, 0);
+      painted.push(canvas.toDataURL());
+    }
+    const bytes = new TextEncoder().encode(painted.join('\n'));
+    const digest = await crypto.subtle.digest('SHA-256', bytes);
+    return [...new Uint8Array(digest)].map(b => b.toString(16).padStart(2, '0')).join('');
+  };
+
+  // Measures the time from the next key press or click to a new picture [ms].
+  let watched = null;
+  const watch = panel => {
+    const before = glance(panel);
+    let pressed = null;
+    const press = () => { pressed ??= performance.now(); };
+    const kinds = ['keydown', 'click', 'change'];
+    kinds.forEach(kind => document.addEventListener(kind, press, true));
+    watched?.stop();
+    watched = { ms: null };
+    const timer = setInterval(() => {
+      if (!pressed || glance(panel) === before || !pictures(panel).every(ready)) return;
+      watched.ms = performance.now() - pressed;
+      watched.stop();
+    }, 4);
+    watched.stop = () => {
+      clearInterval(timer);
+      kinds.forEach(kind => document.removeEventListener(kind, press, true));
+    };
+  };
+
+  // That time, as soon as it is known; null if it is not after a while [ms].
+  const awaited = async patience => {
+    for (const end = performance.now() + patience; performance.now() < end; ) {
+      if (watched.ms !== null) break;
+      await new Promise(resolve => setTimeout(resolve, 20));
+    }
+    watched.stop();
+    return watched.ms;
+  };
+
+  // Every error and every line on stderr that a kernel sends, wherever Lab would show it.
+  const complaints = [];
+  const listen = kernel => kernel.iopubMessage.connect((_, { header, content }) => {
+    if (header.msg_type === 'error') complaints.push(`${content.ename}: ${content.evalue}`);
+    if (header.msg_type === 'stream' && content.name === 'stderr') complaints.push(content.text);
+  });
+
+  return { pixels, watch, awaited, listen, complaints };
+})();
