@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from data_tools.motion import Noise, arc, s_curve, simulate, straight, zigzag
+from evcalib.errors import InputError
 from evcalib.widgets.offset import MAX_NOISE, OffsetPanel
 
 TRUE = 0.23
@@ -124,5 +125,36 @@ def test_every_corner_shows_a_finite_score_and_a_picture(quiet, tmp_path):
         assert matplotlib.image.imread(path).std() > 0.05
 
 
+def test_the_play_button_walks_over_all_offsets(quiet):
+    for place in range(quiet.play.max + 1):
+        quiet.play.value = place
+    assert quiet.offset.value == quiet.offset.max
+    tried = quiet.curve.offsets[np.unique(quiet.tried)]
+    np.testing.assert_allclose(tried, np.linspace(-1.0, 1.0, quiet.play.max + 1), atol=1e-9)
+
+
+def test_reset_takes_everything_back(quiet):
+    first = quiet.numbers.value
+    quiet.motion.value, quiet.noise.value = "arc", 0.2
+    quiet.offset.value, quiet.compare.value = 0.4, True
+    quiet.reset.click()
+    assert (quiet.motion.value, quiet.noise.value, quiet.offset.value) == ("S-curve", 0.05, 0.0)
+    assert not quiet.compare.value
+    assert quiet.numbers.value == first
+    assert len(quiet.tried) == 1
+    quiet.offset.value = 0.1
+    quiet.reset.click()
+    assert len(quiet.tried) == 1
+
+
 def test_the_same_place_gives_the_same_bytes(panel):
-    assert panel.draw() == panel.draw()
+    first = bytes(panel.picture.value)
+    panel.offset.value = 0.3
+    assert panel.picture.value != first
+    panel.reset.click()
+    assert panel.picture.value == first
+
+
+def test_nothing_to_choose_from_is_refused():
+    with pytest.raises(InputError, match="at least one motion"):
+        OffsetPanel(drive, [])

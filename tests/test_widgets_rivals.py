@@ -170,8 +170,14 @@ def test_streams_without_trajectories_leave_the_methods_that_need_them_out():
     assert "needs camera_poses" in shown(panel)["hand_eye"][2]
 
 
-def test_the_same_place_gives_the_same_bytes(panel):
-    assert panel.draw() == panel.draw()
+def test_the_same_place_gives_the_same_bytes_and_reset_goes_back_there(panel):
+    first, table = bytes(panel.picture.value), panel.numbers.value
+    panel.motion.value, panel.method.value, panel.drift.value = "fingers", "vc", MAX_DRIFT
+    assert panel.picture.value != first
+    panel.reset.click()
+    assert (panel.motion.value, panel.method.value, panel.drift.value) == ("arc", "ours", 2)
+    assert panel.picture.value == first
+    assert panel.numbers.value == table
 
 
 def test_nothing_to_choose_from_is_refused():

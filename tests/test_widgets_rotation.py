@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from data_tools.motion import Noise, s_curve, simulate
+from evcalib.errors import InputError
 from evcalib.geometry import unit
 from evcalib.plots.rotation import TOP, draw_map, draw_weights
 from evcalib.rotation import METHODS, RotationEstimate, estimate_rotation
@@ -84,8 +85,19 @@ def test_every_corner_shows_finite_numbers_and_a_picture(panel, tmp_path):
         assert matplotlib.image.imread(path).std() > 0.05
 
 
-def test_the_same_place_gives_the_same_bytes(panel):
-    assert panel.draw() == panel.draw()
+def test_the_same_place_gives_the_same_bytes_and_reset_goes_back_there(panel):
+    first, table = bytes(panel.picture.value), panel.numbers.value
+    panel.kind.value, panel.share.value, panel.loss.value = "flipped", 70, "gnc"
+    assert panel.picture.value != first
+    panel.reset.click()
+    assert (panel.kind.value, panel.share.value, panel.loss.value) == ("uniform", 30, "kabsch")
+    assert panel.picture.value == first
+    assert panel.numbers.value == table
+
+
+def test_nothing_to_choose_from_is_refused():
+    with pytest.raises(InputError, match="at least one kind"):
+        RotationPanel(pairs, [])
 
 
 def test_exact_pairs_are_drawn_too():

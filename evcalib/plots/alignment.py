@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from evcalib.geometry import LOOKS_FORWARD
 from evcalib.offset import OffsetCurve
 from evcalib.plots import style
+from evcalib.plots._angles import azimuth, elevation
 from evcalib.plots._globe import draw_globe
 from evcalib.results import Calibration
 from evcalib.series import HeadingSeries, VelocitySeries
@@ -104,7 +105,7 @@ def draw_directions(axes: Sequence[Axes], calibration: Calibration) -> None:
     """Draw azimuth and elevation of turned headings and body directions into two axes."""
     residuals, inlier = calibration.residuals, _inliers(calibration)
     size = style.dot(inlier.size)
-    for ax, angle, name in zip(axes, (_azimuth, _elevation), ("azimuth", "elevation"), strict=True):
+    for ax, angle, name in zip(axes, (azimuth, elevation), ("azimuth", "elevation"), strict=True):
         camera, body = angle(residuals.turned), angle(residuals.direction)
         t, line = _broken(residuals.t, body)
         ax.plot(t, line, color=style.BODY, lw=3.5, alpha=0.5, label="body, shifted by the offset")
@@ -128,7 +129,7 @@ def draw_unaligned(
     speed = velocities.speed
     moving = velocities.select(speed > SLOW * np.median(speed))
     turned = headings.v @ LOOKS_FORWARD.T
-    for ax, angle, name in zip(axes, (_azimuth, _elevation), ("azimuth", "elevation"), strict=True):
+    for ax, angle, name in zip(axes, (azimuth, elevation), ("azimuth", "elevation"), strict=True):
         ax.plot(
             headings.t,
             angle(turned),
@@ -259,14 +260,6 @@ def _legend_above(ax: Axes) -> None:
     for handle in legend.legend_handles:
         if isinstance(handle, Line2D) and handle.get_marker() == ".":
             handle.set_markersize(9.0)
-
-
-def _azimuth(v: np.ndarray) -> np.ndarray:
-    return np.degrees(np.arctan2(v[:, 1], v[:, 0]))
-
-
-def _elevation(v: np.ndarray) -> np.ndarray:
-    return np.degrees(np.arctan2(v[:, 2], np.hypot(v[:, 0], v[:, 1])))
 
 
 def _broken(t: np.ndarray, angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -10,12 +10,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from evcalib.geometry import angle_between
 from evcalib.offset import OffsetCurve
-from evcalib.plots import style
-from evcalib.plots.alignment import draw_curve
-from evcalib.plots.offset import MIN_SPAN, draw_streams
+from evcalib.plots import _angles, style
+from evcalib.plots.offset import MIN_SPAN, paired
 from evcalib.series import HeadingSeries
-from evcalib.track import VelocityTrack, intervals
+from evcalib.track import VelocityTrack
 
 Floats = NDArray[np.float64]
 
@@ -45,7 +45,7 @@ def draw_growth(
     title : str
         Of the panel.
     """
-    looks = ((style.TRUE, "-"), (style.BODY, "--"), (style.CAMERA, ":"))
+    looks = ((style.TRUE, "-"), (style.OUTLIER, "--"), (style.OUTLIER, ":"))
     for (name, model), (color, dash) in zip(models.items(), looks, strict=False):
         ax.plot(t, model, dash, color=color, label=name)
     ax.plot(t, length, "o", ms=5, color=style.MEASURED, label="sightings")
@@ -97,13 +97,60 @@ def draw_lags(ax: Axes, flow: Mapping[str, Floats], late_ms: Mapping[str, Floats
     ax.legend(loc="upper right")
 
 
+def draw_stages(ax: Axes, names: Sequence[str], values: Sequence[Floats], *, title: str) -> None:
+    """Draw the errors of several drives after each of two stages, one line for each drive.
+
+    Parameters
+    ----------
+    ax : Axes
+        Where to draw.
+    names : sequence of two str
+        The stages.
+    values : sequence of two ndarray, shape (n,)
+        Errors of the rotation [deg] after each.
+    title : str
+        Of the panel.
+    """
+    before, after = values
+    for better, color, name in ((True, style.INLIER, "better"), (False, style.OUTLIER, "worse")):
+        chosen = (after < before) == better
+        for k, ends in enumerate(zip(before[chosen], after[chosen], strict=True)):
+            label = f"{name}: {int(chosen.sum())}" if k == 0 else None
+            dash = "-" if better else "--"
+            ax.plot([0, 1], ends, "o", ls=dash, color=color, ms=4, lw=1.2, label=label)
+    ax.set_xticks([0, 1], names)
+    ax.set(xlim=(-0.25, 1.25), ylim=(0, None))
+    ax.grid(axis="x", visible=False)
+    style.label(ax, "", "error of the rotation [deg]", title=title)
+    ax.legend(loc="upper right")
+
+
+def cockpit_axes(figure: Figure) -> tuple[Axes, Axes, Axes, Axes]:
+    """Return empty panels for `draw_cockpit`: azimuth, elevation, score, residual."""
+    figure.set_layout_engine("none")
+    grid = figure.add_gridspec(
+        2,
+        2,
+        width_ratios=(3, 2),
+        left=0.075,
+        right=0.985,
+        bottom=0.1,
+        top=0.94,
+        wspace=0.2,
+        hspace=0.42,
+    )
+    azimuth = figure.add_subplot(grid[0, 0])
+    elevation = figure.add_subplot(grid[1, 0], sharex=azimuth)
+    return azimuth, elevation, figure.add_subplot(grid[0, 1]), figure.add_subplot(grid[1, 1])
+
+
 def draw_cockpit(
-    figure: Figure,
+    axes: Sequence[Axes],
     headings: HeadingSeries,
     track: VelocityTrack,
-    offset: float,
     R_body_cam: Floats,
     curve: OffsetCurve,
+    tried: Sequence[tuple[float, float]],
     *,
     solved: float | None = None,
 ) -> None:
@@ -111,53 +158,71 @@ def draw_cockpit(
 
     Parameters
     ----------
-    figure : Figure
-        Empty.
+    axes : sequence of four Axes
+        From `cockpit_axes`.
     headings, track
         The two streams.
-    offset : float
-        ``t_body = t_cam + offset`` [s].
     R_body_cam : ndarray, shape (3, 3)
         Turns the headings into the body frame.
     curve : OffsetCurve
         Score of every offset under its best rotation.
+    tried : sequence of pairs of float
+        Offsets [s] tried by hand with their scores, the present one last.
     solved : float, optional
         The offset of the solution [s], to mark.
     """
-    grid = figure.add_gridspec(2, 2, width_ratios=(3, 2))
-    azimuth, elevation = figure.add_subplot(grid[0, 0]), figure.add_subplot(grid[1, 0])
-    draw_streams(azimuth, headings, track, offset, R_body_cam)
-    azimuth.lines[0].set_label("camera, turned by hand")
-    azimuth.set_xlabel("")
-    t, body, camera = paired(headings, track, offset, R_body_cam)
-    elevation.plot(t, _elevation(camera), ".", ms=3, color=style.CAMERA)
-    elevation.plot(t, _elevation(body), color=style.BODY)
-    low, high = elevation.get_ylim()
-    spare = max(MIN_SPAN / 2 - (high - low), 0.0) / 2
-    elevation.set_ylim(low - spare, high + spare)
+    azimuth, elevation, score, residual = axes
+    t, body, camera = paired(headings, track, tried[-1][0], R_body_cam)
+    line = np.unwrap(_angles.azimuth(body), period=360.0)
+    dots = _angles.beside(line, _angles.azimuth(camera))
+    azimuth.plot(t, dots, ".", ms=3, color=style.CAMERA, label="camera, turned by the angles")
+    azimuth.plot(t, line, color=style.BODY, label="body, shifted by the offset")
+    _limits(azimuth, line, dots)
+    style.label(azimuth, "", "azimuth [deg]")
+    azimuth.legend(
+        loc="lower left", bbox_to_anchor=(0, 0.98), ncols=2, markerscale=3, borderaxespad=0.2
+    )
+    elevation.plot(t, _angles.elevation(camera), ".", ms=3, color=style.CAMERA)
+    elevation.plot(t, _angles.elevation(body), color=style.BODY)
+    _limits(elevation, _angles.elevation(camera), np.zeros(1))
     style.label(elevation, "camera time [s]", "elevation [deg]")
-    score, residual = figure.add_subplot(grid[0, 1]), figure.add_subplot(grid[1, 1])
-    draw_curve(score, curve, found=solved)
-    score.axvline(offset, color=style.MEASURED, lw=2, label="slider")
-    score.legend(loc="lower center")
-    residual.plot(t, np.degrees(_angle(body, camera)), ".", ms=3, color=style.OUTLIER)
-    residual.set_ylim(bottom=0.0)
-    style.label(residual, "camera time [s]", "residual [deg]")
-    figure.legend(*azimuth.get_legend_handles_labels(), loc="outside upper left", ncols=2)
+    _draw_climb(score, curve, tried, solved)
+    _draw_residuals(residual, t, np.degrees(angle_between(camera, body)))
 
 
-def paired(
-    headings: HeadingSeries, track: VelocityTrack, offset: float, R_body_cam: Floats
-) -> tuple[Floats, Floats, Floats]:
-    """Return times, body directions and turned headings where the odometry covers them."""
-    body = track.directions(*intervals(headings), offset)
-    known = np.any(body != 0, axis=1)
-    return headings.t[known], body[known], headings.v[known] @ R_body_cam.T
+def _draw_climb(
+    ax: Axes, curve: OffsetCurve, tried: Sequence[tuple[float, float]], solved: float | None
+) -> None:
+    """Draw the curve that no hand gets above, and where the hand has been."""
+    ax.plot(curve.offsets, curve.score, color=style.BODY, label="best angles")
+    if solved is not None:
+        ax.axvline(solved, color=style.INLIER, label="solved")
+    ax.plot(*np.transpose(tried), ".", ms=4, color=style.MEASURED)
+    ax.plot(*tried[-1], "o", ms=8, color=style.MEASURED, mec=style.TRUE, label="you")
+    ax.set_xlim(curve.offsets[0], curve.offsets[-1])
+    ax.set_ylim(-0.03, 1.05)
+    style.label(ax, "offset [s]", "robust score [-]")
+    ax.legend(loc="lower right", bbox_to_anchor=(1, 0.98), ncols=3, borderaxespad=0.2)
 
 
-def _angle(a: Floats, b: Floats) -> Floats:
-    return 2 * np.arcsin(np.clip(0.5 * np.linalg.norm(a - b, axis=1), 0, 1))
+def _draw_residuals(ax: Axes, t: Floats, degrees: Floats) -> None:
+    ax.plot(t, degrees, ".", ms=3, color=style.OUTLIER)
+    top = 10.0
+    if degrees.size:
+        middle = float(np.median(degrees))
+        ax.axhline(middle, color=style.TRUE, lw=1, label=f"median {middle:.2f} deg")
+        ax.legend(loc="lower right", bbox_to_anchor=(1, 0.98), borderaxespad=0.2)
+        top = max(top, 1.2 * float(np.quantile(degrees, 0.98)))
+    ax.set_ylim(0.0, min(top, 185.0))
+    style.label(ax, "camera time [s]", "residual [deg]")
 
 
-def _elevation(v: Floats) -> Floats:
-    return np.degrees(np.arctan2(v[:, 2], np.hypot(v[:, 0], v[:, 1])))
+def _limits(ax: Axes, *angles: Floats) -> None:
+    """Show all angles, between multiples of a step, so that small moves leave the axis alone."""
+    every = np.concatenate(angles)
+    low, high = (float(every.min()), float(every.max())) if every.size else (0.0, 0.0)
+    step = 15.0 if high - low < 120.0 else 45.0
+    low, high = low - 0.1 * step, high + 0.1 * step
+    low, high = step * np.floor(low / step), step * np.ceil(high / step)
+    middle, half = 0.5 * (low + high), max(0.5 * (high - low), MIN_SPAN / 2)
+    ax.set_ylim(middle - half, middle + half)

@@ -1,6 +1,8 @@
-"""Two streams at an offset of one's choice, and how well each offset tried fits."""
+"""Two streams at an offset of one's choice, how well each fits, and what hides an offset."""
 
 from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -8,12 +10,39 @@ from numpy.typing import NDArray
 
 from evcalib.offset import OffsetCurve
 from evcalib.plots import style
+from evcalib.plots._angles import azimuth, beside, show_at_least
 from evcalib.plots.alignment import draw_curve
-from evcalib.series import HeadingSeries
+from evcalib.series import HeadingSeries, VelocitySeries
 from evcalib.track import VelocityTrack, intervals
+
+Floats = NDArray[np.float64]
 
 MIN_SPAN = 30.0
 """The azimuth axis shows at least this range [deg], so that noise does not fill it."""
+
+DASHES = ("-", "--", "-.", ":")
+"""Lines of one colour in a panel, in this order."""
+
+
+def paired(
+    headings: HeadingSeries, track: VelocityTrack, offset: float, R_body_cam: Floats
+) -> tuple[Floats, Floats, Floats]:
+    """Return times, body directions and turned headings where the odometry covers them."""
+    body = track.directions(*intervals(headings), offset)
+    known = np.any(body != 0, axis=1)
+    return headings.t[known], body[known], headings.v[known] @ R_body_cam.T
+
+
+def draw_apart(axes: Sequence[Axes], headings: HeadingSeries, velocities: VelocitySeries) -> None:
+    """Draw both streams as they come, each in its own frame and on its own clock: two panels."""
+    left, right = axes
+    for name, values, marker in zip("xyz", headings.v.T, ("o", "x", "^"), strict=True):
+        left.plot(headings.t, values, marker, ms=2.5, mew=0.8, color=style.CAMERA, label=name)
+    left.set_ylim(-1.05, 1.05)
+    style.label(left, "camera time [s]", "heading, camera frame [-]", title="camera")
+    left.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=3, markerscale=2.5)
+    right.plot(velocities.t, azimuth(velocities.v), color=style.BODY)
+    style.label(right, "body time [s]", "azimuth, body frame [deg]", title="body")
 
 
 def draw_streams(
@@ -21,7 +50,7 @@ def draw_streams(
     headings: HeadingSeries,
     track: VelocityTrack,
     offset: float,
-    R_body_cam: NDArray[np.float64],
+    R_body_cam: Floats,
 ) -> None:
     """Draw the azimuth of turned headings (dots) over that of the body, shifted by `offset`.
 
@@ -36,19 +65,12 @@ def draw_streams(
     R_body_cam : ndarray, shape (3, 3)
         Turns the headings into the body frame.
     """
-    d = track.directions(*intervals(headings), offset)
-    known = np.any(d != 0, axis=1)
-    t, body = headings.t[known], _azimuth(d[known])
-    camera = _azimuth(headings.v[known] @ R_body_cam.T)
-    line = np.unwrap(body, period=360.0)
-    # Dots stand on the same turn as the line, so that nothing jumps where the angle wraps.
-    dots = line + (camera - body + 180.0) % 360.0 - 180.0
+    t, body, camera = paired(headings, track, offset, R_body_cam)
+    line = np.unwrap(azimuth(body), period=360.0)
+    dots = beside(line, azimuth(camera))
     ax.plot(t, dots, ".", ms=3, color=style.CAMERA, label="camera, turned by its best rotation")
     ax.plot(t, line, color=style.BODY, label="body, shifted by the offset")
-    low, high = ax.get_ylim()
-    if high - low < MIN_SPAN:
-        middle = 0.5 * (low + high)
-        ax.set_ylim(middle - MIN_SPAN / 2, middle + MIN_SPAN / 2)
+    show_at_least(ax, MIN_SPAN)
     style.label(ax, "camera time [s]", "azimuth [deg]")
 
 
@@ -83,8 +105,92 @@ def draw_tried(
     ax.set_xlim(curve.offsets[0], curve.offsets[-1])
     ax.set_ylim(0.0, 1.05)
     style.label(ax, "offset [s]", "robust score [-]")
-    ax.legend(loc="lower right", ncols=2)
+    ax.legend(
+        loc="lower right", bbox_to_anchor=(1, 1), ncols=4, columnspacing=1.0, handlelength=1.5
+    )
 
 
-def _azimuth(v: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.degrees(np.arctan2(v[:, 1], v[:, 0]))
+def draw_search(
+    axes: Sequence[Axes],
+    headings: HeadingSeries,
+    track: VelocityTrack,
+    R_body_cam: Floats,
+    curve: OffsetCurve,
+    tried: Sequence[int],
+    *,
+    reveal: bool = False,
+    true: float | None = None,
+) -> None:
+    """Draw a search by hand: the streams at the last offset tried, and the scores of all tried.
+
+    Parameters
+    ----------
+    axes : sequence of two Axes
+        Where to draw.
+    headings, track, R_body_cam
+        As for `draw_streams`.
+    curve, tried, reveal, true
+        As for `draw_tried`.
+    """
+    left, right = axes
+    draw_streams(left, headings, track, float(curve.offsets[tried[-1]]), R_body_cam)
+    left.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=2, markerscale=3, columnspacing=1.0)
+    draw_tried(right, curve, np.array(tried), reveal=reveal, true=true)
+
+
+def draw_slope(ax: Axes, rate: Floats, off: Floats, *, slope: float, title: str = "") -> None:
+    """Draw by how much headings are off over the rate of turning, and the line through them.
+
+    Parameters
+    ----------
+    ax : Axes
+        Where to draw.
+    rate : ndarray, shape (n,)
+        How fast the direction of travel turns [rad/s].
+    off : ndarray, shape (n,)
+        Azimuth of the body minus that of the turned heading [rad].
+    slope : float
+        Of the line: the offset that is left [s].
+    title : str
+        Of the panel.
+    """
+    ax.plot(np.degrees(rate), np.degrees(off), ".", ms=3, color=style.CAMERA, label="headings")
+    ends = np.array([rate.min(), rate.max()])
+    line = off.mean() + slope * (ends - rate.mean())
+    name = f"slope {1e3 * slope:.0f} ms"
+    ax.plot(np.degrees(ends), np.degrees(line), "-o", ms=3, color=style.TRUE, label=name)
+    style.label(ax, "rate of turning [deg/s]", "off by [deg]", title=title)
+
+
+def draw_refuge(
+    axes: Sequence[Axes],
+    offsets: Floats,
+    scores: Mapping[str, Floats],
+    errors: Mapping[str, Floats],
+    *,
+    true: float,
+) -> None:
+    """Draw the score of each offset, and how wrong the rotation is that belongs to it: two panels.
+
+    Parameters
+    ----------
+    axes : sequence of two Axes
+        Where to draw.
+    offsets : ndarray, shape (m,)
+        Candidates [s].
+    scores, errors : mapping of str to ndarray, shape (m,)
+        By the name of the drive: score [-], and error of the best rotation [deg].
+    true : float
+        True offset [s].
+    """
+    for ax, curves, name in zip(
+        axes,
+        (scores, errors),
+        ("robust score [-]", "error of the best rotation [deg]"),
+        strict=True,
+    ):
+        for (drive, values), dash in zip(curves.items(), DASHES, strict=False):
+            ax.plot(offsets, values, dash, color=style.BODY, label=drive)
+        ax.axvline(true, color=style.TRUE, lw=1.2, ls=":", label="true offset")
+        style.label(ax, "offset [s]", name)
+    axes[0].legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=3, borderaxespad=0.2)

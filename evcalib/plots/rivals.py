@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
+from evcalib.baselines import RivalInput
 from evcalib.plots import style
 from evcalib.plots.studies import colour_of
 from evcalib.poses import PoseSeries
@@ -52,6 +53,39 @@ def draw_paths(
         ax.plot(placed[:, 0], placed[:, 1], color=style.CAMERA, ls="-.", label="camera, as placed")
     ax.set_aspect("equal", adjustable="datalim")
     style.label(ax, "x [m]", "y [m]")
+
+
+def draw_rivals(
+    axes: Sequence[Axes],
+    given: RivalInput,
+    errors: Mapping[str, float],
+    chosen: str,
+    found: Calibration | None,
+    *,
+    true: Floats | None = None,
+) -> None:
+    """Draw the trajectories as one method places them, and the errors of all: two panels.
+
+    Parameters
+    ----------
+    axes : sequence of two Axes
+        Where to draw.
+    given : RivalInput
+        The streams; without trajectories the first panel stays empty.
+    errors : mapping of str to float
+        As for `draw_errors`.
+    chosen : str
+        The method that places the trajectories.
+    found : Calibration, optional
+        What it found, if it did.
+    true : ndarray, shape (n, 3), optional
+        The path that was driven [m].
+    """
+    left, right = axes
+    if given.body_poses is not None and given.camera_poses is not None:
+        draw_paths(left, given.body_poses, given.camera_poses, found, true=true)
+        left.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=3, columnspacing=1.0)
+    draw_errors(right, errors, chosen=chosen)
 
 
 def draw_errors(ax: Axes, errors: Mapping[str, float], *, chosen: str = "") -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+
 import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
@@ -14,6 +16,15 @@ Floats = NDArray[np.float64]
 
 GATE = 3.0
 """Residuals within this many standard deviations count as inliers, as in `plots.alignment`."""
+
+LOOKS = {
+    "tukey": (style.INLIER, "o-"),
+    "l1": (style.BODY, "s--"),
+    "kabsch": (style.TRUE, "^-."),
+    "gnc": (style.MEASURED, "v:"),
+    "cca": (style.OUTLIER, "D-"),
+}
+"""Colour, marker and line of each loss where all of them stand in one panel."""
 
 TOP = 3.0
 """Highest relative weight that is drawn in its place."""
@@ -34,6 +45,7 @@ def draw_map(ax: Axes, e: Floats, d: Floats, estimate: RotationEstimate) -> None
     estimate : RotationEstimate
         The rotation.
     """
+    ax.set_autoscale_on(False)  # a map shows all there is
     turned, inlier = e @ estimate.R_body_cam.T, _inlier(e, d, estimate)
     x, y = np.stack([_on_map(turned), _on_map(d)], axis=-1)
     near = np.abs(np.diff(x, axis=1)[:, 0]) < np.pi
@@ -65,6 +77,59 @@ def draw_weights(ax: Axes, e: Floats, d: Floats, estimate: RotationEstimate) -> 
     ax.set_xticks(np.arange(0, 181, 45))
     ax.set_ylim(-0.1, TOP + 0.1)
     style.label(ax, "residual angle [deg]", "weight, median inlier = 1 [-]")
+
+
+def draw_losses(
+    axes: Sequence[Axes], e: Floats, d: Floats, estimate: RotationEstimate, *, title: str = ""
+) -> None:
+    """Draw what one loss makes of pairs: the map of the sphere, and the weights: two panels.
+
+    Parameters
+    ----------
+    axes : sequence of two Axes
+        The first one with a projection of the whole sphere.
+    e, d, estimate
+        As for `draw_map`.
+    title : str
+        Name of the loss.
+    """
+    left, right = axes
+    draw_map(left, e, d, estimate)
+    legend_of_map(left)
+    draw_weights(right, e, d, estimate)
+    right.set_title(title)
+
+
+def legend_of_map(ax: Axes) -> None:
+    """Explain the dots of a map above it."""
+    ax.legend(
+        loc="lower center", bbox_to_anchor=(0.5, 1.02), ncols=3, markerscale=2.5, columnspacing=1.0
+    )
+
+
+def draw_breakdown(
+    ax: Axes, shares: Sequence[float], errors: Mapping[str, Sequence[float]]
+) -> None:
+    """Draw the error of each loss over the share of wrong headings.
+
+    Parameters
+    ----------
+    ax : Axes
+        Where to draw.
+    shares : sequence of float
+        Shares of wrong headings, 0 to 1.
+    errors : mapping of str to sequence of float
+        By the name of the loss, its error at each share [deg].
+    """
+    for name, values in errors.items():
+        color, look = LOOKS[name]
+        ax.semilogy([100 * share for share in shares], values, look, ms=5, color=color)
+        ax.text(100 * shares[-1] + 2, values[-1], name, color=color, va="center", fontweight="bold")
+    ax.set_xlim(0, 100 * shares[-1] + 14)
+    ax.set_xticks([100 * share for share in shares])
+    ax.set_yticks([1, 3, 10, 30], ["1", "3", "10", "30"])
+    ax.set_yticks([], minor=True)
+    style.label(ax, "random headings [%]", "median error [deg]")
 
 
 def _inlier(e: Floats, d: Floats, estimate: RotationEstimate) -> NDArray[np.bool_]:

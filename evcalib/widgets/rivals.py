@@ -14,8 +14,17 @@ from evcalib.baselines import METHODS, RivalInput, calibrate_with
 from evcalib.errors import EvcalibError, InputError
 from evcalib.geometry import rotation_angle
 from evcalib.plots import style
-from evcalib.plots.rivals import draw_errors, draw_paths
+from evcalib.plots.rivals import draw_rivals
 from evcalib.results import Calibration
+from evcalib.widgets._parts import (
+    Panel,
+    bare_figure,
+    encode,
+    pixels,
+    slider,
+    whole_slider,
+    wipe,
+)
 
 MIN_NOISE, MAX_NOISE = 0.02, 0.3
 """Range of the noise slider: standard deviation of the headings per axis [rad]."""
@@ -39,7 +48,7 @@ class Trial(Protocol):
     def path(self) -> NDArray[np.float64]: ...  # noqa: D102
 
 
-class RivalPanel(widgets.VBox):
+class RivalPanel(Panel):
     """Motion, noise, drift and method against the errors of all methods.
 
     The sliders act when they are released, since each move runs every method again.
@@ -62,34 +71,29 @@ class RivalPanel(widgets.VBox):
     ) -> None:
         if not kinds or not methods:
             raise InputError("at least one motion and one method are needed")
+        super().__init__()
         self._make = make
         self._methods = tuple(methods)
         self.motion = widgets.Dropdown(options=list(kinds), description="motion")
         self.method = widgets.Dropdown(options=list(methods), description="method")
-        self.noise = widgets.FloatSlider(
-            value=0.1,
-            min=MIN_NOISE,
-            max=MAX_NOISE,
-            step=0.02,
-            description="noise [rad]",
-            readout_format=".2f",
-            continuous_update=False,
+        self.noise = slider("noise [rad]", MIN_NOISE, MAX_NOISE, 0.02, 0.1, ".2f")
+        self.drift = whole_slider("drift [%]", 0, MAX_DRIFT, 2, 2)
+        self.noise.continuous_update = self.drift.continuous_update = False
+        self.picture, self.numbers = widgets.Image(format="png"), widgets.HTML()
+        self._figure = bare_figure(
+            (9.4, 3.7), left=0.06, right=0.985, bottom=0.13, top=0.91, wspace=0.5
         )
-        self.drift = widgets.IntSlider(
-            value=2, max=MAX_DRIFT, step=2, description="drift [%]", continuous_update=False
-        )
-        self.picture = widgets.Image(format="png")
-        self.numbers = widgets.HTML()
-        for control in (self.motion, self.noise, self.drift):
-            control.observe(lambda change: self._drive(), names="value")
-        self.method.observe(lambda change: self._draw(), names="value")
-        first = widgets.HBox([self.motion, self.method])
+        with style.context():
+            self._axes = self._figure.subplots(1, 2, width_ratios=(5, 4))
+        self._of: tuple[str, float, int] | None = None
+        first = widgets.HBox([self.motion, self.method, self.reset])
         second = widgets.HBox([self.noise, self.drift])
-        super().__init__([first, second, self.picture, self.numbers])
-        self._drive()
+        controls = (self.motion, self.method, self.noise, self.drift)
+        self._start(controls, [first, second, self.picture, self.numbers])
 
     def _drive(self) -> None:
         """Make new streams and run every method on them."""
+        self._of = self.motion.value, self.noise.value, self.drift.value
         self.trial = self._make(self.motion.value, self.noise.value, self.drift.value / 100)
         self.found: dict[str, Calibration] = {}
         self.failures: dict[str, str] = {}
@@ -98,9 +102,10 @@ class RivalPanel(widgets.VBox):
                 self.found[name] = calibrate_with(name, self.trial.given)
             except EvcalibError as error:
                 self.failures[name] = str(error)
-        self._draw()
 
     def _draw(self) -> None:
+        if self._of != (self.motion.value, self.noise.value, self.drift.value):
+            self._drive()
         self.picture.value = self.draw()
         self.numbers.value = self.table()
 
@@ -116,21 +121,18 @@ class RivalPanel(widgets.VBox):
 
     def draw(self) -> bytes:
         """Return the paths as the chosen method places them, and all errors, as a PNG picture."""
-        given, chosen = self.trial.given, self.method.value
-        figure = style.new_figure((9.4, 3.8))
+        chosen = self.method.value
+        wipe(self._axes)
         with style.context():
-            left, right = figure.subplots(1, 2, width_ratios=(5, 4))
-            if given.body_poses is not None and given.camera_poses is not None:
-                draw_paths(
-                    left,
-                    given.body_poses,
-                    given.camera_poses,
-                    self.found.get(chosen),
-                    true=self.trial.path,
-                )
-            draw_errors(right, self.errors(), chosen=chosen)
-            figure.legend(*left.get_legend_handles_labels(), loc="outside upper left", ncols=3)
-        return style.png(figure)
+            draw_rivals(
+                self._axes,
+                self.trial.given,
+                self.errors(),
+                chosen,
+                self.found.get(chosen),
+                true=self.trial.path,
+            )
+        return encode(pixels(self._figure))
 
     def table(self) -> str:
         """Return errors and what each method states about them as HTML, the chosen one in bold."""

@@ -9,10 +9,12 @@ import ipywidgets as widgets
 import numpy as np
 from numpy.typing import NDArray
 
+from evcalib.errors import InputError
 from evcalib.geometry import rotation_angle
 from evcalib.plots import style
-from evcalib.plots.rotation import draw_map, draw_weights
+from evcalib.plots.rotation import draw_losses
 from evcalib.rotation import METHODS, RotationEstimate, estimate_rotation
+from evcalib.widgets._parts import Panel, bare_figure, encode, pixels, whole_slider, wipe
 
 MAX_SHARE = 90
 """Range of the outlier slider [%]."""
@@ -31,7 +33,7 @@ class Pairs(Protocol):
     def R_body_cam(self) -> NDArray[np.float64]: ...  # noqa: D102
 
 
-class RotationPanel(widgets.VBox):
+class RotationPanel(Panel):
     """Outlier share and loss against the residuals on the sphere.
 
     Parameters
@@ -43,27 +45,36 @@ class RotationPanel(widgets.VBox):
     """
 
     def __init__(self, pairs: Callable[[str, float], Pairs], kinds: Sequence[str]) -> None:
+        if not kinds:
+            raise InputError("at least one kind of outliers is needed")
+        super().__init__()
         self._make = pairs
-        self.share = widgets.IntSlider(max=MAX_SHARE, step=5, value=30, description="outliers [%]")
+        self.share = whole_slider("outliers [%]", 0, MAX_SHARE, 5, 30)
+        self.share.continuous_update = False
         self.kind = widgets.Dropdown(options=list(kinds), description="kind")
         self.loss = widgets.Dropdown(options=list(METHODS), value="kabsch", description="loss")
-        self.picture = widgets.Image(format="png")
-        self.numbers = widgets.HTML()
-        for control in (self.share, self.kind):
-            control.observe(lambda change: self._spoil(), names="value")
-        self.loss.observe(lambda change: self._draw(), names="value")
-        controls = widgets.HBox([self.share, self.kind, self.loss])
-        super().__init__([controls, self.picture, self.numbers])
-        self._spoil()
+        self.picture, self.numbers = widgets.Image(format="png"), widgets.HTML()
+        self._figure = bare_figure((9.4, 3.3), bottom=0.145, top=0.9, right=0.985)
+        with style.context():
+            left = self._figure.add_axes((0.04, 0.06, 0.5, 0.8), projection="hammer")
+            self._axes = left, self._figure.add_axes((0.635, 0.145, 0.35, 0.755))
+        self._of: tuple[str, int] | None = None
+        first = widgets.HBox([self.kind, self.loss])
+        second = widgets.HBox([self.share, self.reset])
+        controls = (self.share, self.kind, self.loss)
+        self._start(controls, [first, second, self.picture, self.numbers])
 
     def _spoil(self) -> None:
+        """Make new pairs, and fit every loss to them."""
+        self._of = self.kind.value, self.share.value
         self.pairs = self._make(self.kind.value, self.share.value / 100)
         self.estimates: dict[str, RotationEstimate] = {
             loss: estimate_rotation(self.pairs.e, self.pairs.d, method=loss) for loss in METHODS
         }
-        self._draw()
 
     def _draw(self) -> None:
+        if self._of != (self.kind.value, self.share.value):
+            self._spoil()
         self.picture.value = self.draw()
         self.numbers.value = self.table()
 
@@ -77,15 +88,11 @@ class RotationPanel(widgets.VBox):
 
     def draw(self) -> bytes:
         """Return the map of the sphere and the weights as a PNG picture."""
-        e, d, estimate = self.pairs.e, self.pairs.d, self.estimates[self.loss.value]
-        figure = style.new_figure((9.4, 3.6))
+        loss = self.loss.value
+        wipe(self._axes)
         with style.context():
-            left = figure.add_subplot(1, 2, 1, projection="hammer")
-            right = figure.add_subplot(1, 2, 2)
-            draw_map(left, e, d, estimate)
-            draw_weights(right, e, d, estimate)
-            figure.legend(*left.get_legend_handles_labels(), loc="outside upper left", ncols=3)
-        return style.png(figure)
+            draw_losses(self._axes, self.pairs.e, self.pairs.d, self.estimates[loss], title=loss)
+        return encode(pixels(self._figure))
 
     def table(self) -> str:
         """Return the errors of all losses as an HTML table, the chosen one in bold."""

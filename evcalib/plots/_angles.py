@@ -1,0 +1,32 @@
+"""Azimuth and elevation of directions, and axes that show enough of them."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+def azimuth(v: Floats) -> Floats:
+    """Return the angle from forward to the left [deg]."""
+    return np.asarray(np.degrees(np.arctan2(v[:, 1], v[:, 0])))
+
+
+def elevation(v: Floats) -> Floats:
+    """Return the angle above the plane of travel [deg]."""
+    return np.asarray(np.degrees(np.arctan2(v[:, 2], np.hypot(v[:, 0], v[:, 1]))))
+
+
+def beside(line: Floats, angle: Floats) -> Floats:
+    """Return angles [deg] on the same turn as a line, so that nothing jumps where they wrap."""
+    return line + (angle - line + 180.0) % 360.0 - 180.0
+
+
+def show_at_least(ax: Axes, span: float) -> None:
+    """Widen the axis of angles to a span [deg], so that noise does not fill it."""
+    low, high = ax.get_ylim()
+    if high - low < span:
+        middle = 0.5 * (low + high)
+        ax.set_ylim(middle - span / 2, middle + span / 2)
