@@ -65,7 +65,14 @@ class Copied:
 
 
 def home_of_notebooks() -> tuple[Path, bool]:
-    """Return the folder of the notebooks, and whether it is a checkout's own.
+    """Find the notebooks of this installation.
+
+    Returns
+    -------
+    Path
+        Their folder.
+    bool
+        Whether it is a checkout's own.
 
     Raises
     ------
@@ -82,7 +89,18 @@ def home_of_notebooks() -> tuple[Path, bool]:
 
 
 def course_files(home: Path) -> list[str]:
-    """Return the names of the course's files, relative to their folder, with ``/``."""
+    """List the files of the course.
+
+    Parameters
+    ----------
+    home : Path
+        A folder of notebooks.
+
+    Returns
+    -------
+    list of str
+        Names relative to the folder, with ``/``.
+    """
     found = {path for form in FORMS for path in home.glob(form) if path.is_file()}
     return sorted(path.relative_to(home).as_posix() for path in found)
 

@@ -225,6 +225,12 @@ def simulate(
     -------
     SyntheticStreams
         Headings exist where the vehicle moves; velocities cover the whole drive.
+
+    Examples
+    --------
+    >>> made = simulate(s_curve(10), np.random.default_rng(1), offset=0.2)
+    >>> len(made.headings), len(made.velocities), made.offset
+    (300, 500, 0.2)
     """
     R = random_rotation(rng) if R_body_cam is None else np.asarray(R_body_cam, dtype=np.float64)
 

@@ -125,6 +125,11 @@ def describe(recording: Recording, *, gap_limit: float = 0.1) -> RecordingInfo:
     gap_limit : float
         Times without events longer than this [s] count as gaps.
 
+    Returns
+    -------
+    RecordingInfo
+        Counts, rates, gaps, disorder and losses.
+
     Raises
     ------
     InputError

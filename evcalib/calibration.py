@@ -95,6 +95,17 @@ def align(
     ------
     InputError
         If the streams are unusable: too short, at rest, or without overlap at any offset.
+
+    Examples
+    --------
+    A camera that looks to the left of a body that drives curves; its clock is 0.2 s behind.
+
+    >>> from evcalib.geometry import rpy_to_matrix
+    >>> t, R = np.arange(0, 10, 0.02), rpy_to_matrix([-np.pi / 2, 0, 0])
+    >>> v = np.stack([np.cos(np.sin(t)), np.sin(np.sin(t)), 0 * t], axis=1)
+    >>> found = align(HeadingSeries(t, v @ R), VelocitySeries(t + 0.2, v))
+    >>> found.offset_observable, round(found.offset, 2)
+    (True, 0.2)
     """
     _check.one_of(offset_method, "offset_method", OFFSET_METHODS)
     _check.one_of(rotation_method, "rotation_method", ROTATION_METHODS)

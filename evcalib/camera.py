@@ -36,6 +36,15 @@ class Camera:
     ------
     InputError
         If a number is not finite, a length is not positive, or a count is wrong.
+
+    Examples
+    --------
+    >>> camera = Camera(240, 180, fx=200.0, fy=200.0, cx=120.0, cy=90.0)
+    >>> camera.bearings([[120, 90], [320, 90]]).round(3)
+    array([[0.   , 0.   , 1.   ],
+           [0.707, 0.   , 0.707]])
+    >>> camera.project([[1, 0, 2]])
+    array([[220.,  90.]])
     """
 
     width: int

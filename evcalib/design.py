@@ -163,6 +163,13 @@ def predict(
     InputError
         If the drive is shorter than corners live, or does not move.
 
+    Examples
+    --------
+    >>> t = np.arange(0, 20, 0.02)
+    >>> straight = VelocitySeries(t, np.tile([0.5, 0.0, 0.0], (t.size, 1)))
+    >>> predict(straight).summary
+    'This drive will show neither the offset nor the whole rotation.'
+
     Notes
     -----
     Cramer & Rao's bound of the model ``y_i = d_i / Z + mean + noise``: displacements ``d_i`` since

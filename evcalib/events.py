@@ -47,6 +47,12 @@ class Events:
     InputError
         If lengths differ, a column is not of integers, a pixel is outside the sensor, a time is
         negative, of Unix-time size or before its predecessor, or polarity codings are mixed.
+
+    Examples
+    --------
+    >>> events = Events(x=[3, 3, 4], y=[0, 1, 1], t=[0, 10, 10], p=[1, 0, 1], width=5, height=2)
+    >>> len(events), len(events[1:]), events.shape
+    (3, 2, (2, 5))
     """
 
     x: NDArray[np.uint16]

@@ -40,6 +40,11 @@ def rotation_angle(a: ArrayLike, b: ArrayLike | None = None) -> float:
 
     Uses atan2 of the skew part and the trace: the bare arccos gives NaN for exact matches and
     loses half of the digits near them.
+
+    Examples
+    --------
+    >>> round(rotation_angle(rpy_to_matrix([0, 0, 0.3]), rpy_to_matrix([0, 0, 0.1])), 3)
+    0.2
     """
     m = np.asarray(a, dtype=np.float64)
     if b is not None:
@@ -49,7 +54,13 @@ def rotation_angle(a: ArrayLike, b: ArrayLike | None = None) -> float:
 
 
 def angle_between(a: ArrayLike, b: ArrayLike) -> Floats:
-    """Return the angle [rad] between vectors along the last axis, exact near 0 and pi."""
+    """Return the angle [rad] between vectors along the last axis, exact near 0 and pi.
+
+    Examples
+    --------
+    >>> angle_between([[1, 0, 0], [0, 2, 0]], [1, 1e-9, 0])
+    array([1.00000000e-09, 1.57079633e+00])
+    """
     a, b = np.asarray(a, dtype=np.float64), np.asarray(b, dtype=np.float64)
     cross = np.linalg.norm(np.cross(a, b), axis=-1)
     return np.arctan2(cross, np.sum(a * b, axis=-1))
@@ -92,7 +103,15 @@ def matrix_to_rpy(R: ArrayLike) -> Floats:
 
 
 def rpy_to_matrix(rpy: ArrayLike) -> Floats:
-    """Return R = Rz(yaw) Ry(pitch) Rx(roll) of roll, pitch, yaw [rad]."""
+    """Return R = Rz(yaw) Ry(pitch) Rx(roll) of roll, pitch, yaw [rad].
+
+    Examples
+    --------
+    A quarter turn to the left takes body X to Y.
+
+    >>> (rpy_to_matrix([0, 0, np.pi / 2]) @ [1, 0, 0]).round(6)
+    array([0., 1., 0.])
+    """
     roll, pitch, yaw = np.asarray(rpy, dtype=np.float64)
     x = rotation_vector_to_matrix([roll, 0, 0])
     y = rotation_vector_to_matrix([0, pitch, 0])

@@ -117,6 +117,16 @@ def find_offset(
     ------
     InputError
         If the two streams overlap at no candidate, or a parameter is unusable.
+
+    Examples
+    --------
+    >>> from evcalib.series import VelocitySeries
+    >>> from evcalib.track import velocity_track
+    >>> t = np.arange(0, 10, 0.02)
+    >>> v = np.stack([np.cos(np.sin(t)), np.sin(np.sin(t)), 0 * t], axis=1)
+    >>> curve = find_offset(HeadingSeries(t, v), velocity_track(VelocitySeries(t + 0.2, v)))
+    >>> round(curve.offset, 2), curve.at_edge
+    (0.2, False)
     """
     _check.one_of(method, "offset_method", METHODS[:-1])
     offsets = candidate_offsets(max_offset, step)

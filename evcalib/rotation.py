@@ -93,6 +93,16 @@ def estimate_rotation(
     InputError
         If shapes differ, a weight is negative, fewer than two pairs are given, or the method is
         unknown.
+
+    Examples
+    --------
+    One of five pairs is wrong.
+
+    >>> e = np.array([[0, 0, 1], [1, 0, 0], [0.6, 0, 0.8], [0.8, 0, 0.6], [0, 1, 0.0]])
+    >>> d = e[:, [2, 0, 1]] * [1, -1, -1]
+    >>> d[4] = [1, 0, 0]
+    >>> (estimate_rotation(e, d).R_body_cam @ [0, 0, 1]).round(4) + 0
+    array([1., 0., 0.])
     """
     _check.one_of(method, "rotation_method", METHODS)
     e = _check.floats(e, "headings", (None, 3))

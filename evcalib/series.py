@@ -43,6 +43,11 @@ class VelocitySeries:
     ------
     InputError
         If a shape, a time or a value is unusable.
+
+    Examples
+    --------
+    >>> VelocitySeries(t=[0.0, 0.1], v=[[1.0, 0.0, 0.0], [0.6, 0.8, 0.0]]).speed
+    array([1., 1.])
     """
 
     t: NDArray[np.float64]
@@ -103,6 +108,12 @@ class HeadingSeries:
     ------
     InputError
         If a shape, a time, a length or a value is unusable.
+
+    Examples
+    --------
+    >>> headings = HeadingSeries(t=[0.0, 0.1], v=[[0, 0, 1], [0, 0.6, 0.8]], sd=[0.02, 0.05])
+    >>> len(headings), headings.v[1]
+    (2, array([0. , 0.6, 0.8]))
     """
 
     t: NDArray[np.float64]

@@ -56,6 +56,11 @@ def study(name: str, **options: Any) -> Study:
         A key of `STUDIES`.
     **options
         Its parameters: those of the function ``study`` of the module of its name.
+
+    Returns
+    -------
+    Study
+        What `run_study` runs.
     """
     _check.one_of(name, "study", tuple(STUDIES))
     home, function = _HOMES.get(name, (name, "study"))
@@ -99,6 +104,11 @@ def run_study(
         Show a progress bar; by default on a terminal only.
     **options
         Parameters of the named study.
+
+    Returns
+    -------
+    StudyResult
+        Its table.
 
     Raises
     ------

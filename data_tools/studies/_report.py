@@ -20,6 +20,15 @@ def write_summary(result: StudyResult, folder: str | Path, *, pictures: bool = T
 
     There is a picture where methods stand side by side.
 
+    Parameters
+    ----------
+    result : StudyResult
+        From `run_study` or `load_study`.
+    folder : path
+        Where to; it must be there.
+    pictures : bool
+        Draw box plots too.
+
     Returns
     -------
     list of Path
@@ -51,7 +60,18 @@ def write_summary(result: StudyResult, folder: str | Path, *, pictures: bool = T
 
 
 def describe(result: StudyResult) -> str:
-    """Return a study for people to read: its summary, and what failed and why."""
+    """Return a study for people to read: its summary, and what failed and why.
+
+    Parameters
+    ----------
+    result : StudyResult
+        From `run_study` or `load_study`.
+
+    Returns
+    -------
+    str
+        Several lines.
+    """
     lines = [
         f"{result.name}: {len(result.cells)} groups, {result.trials} trial(s) each, seed"
         f" {result.seed}; medians, with quartiles in brackets",
@@ -69,7 +89,17 @@ def describe(result: StudyResult) -> str:
 
 @dataclass(frozen=True)
 class Cost:
-    """What one run took: trials in all, workers, and time [s] with the start of the workers."""
+    """What one run took.
+
+    Parameters
+    ----------
+    trials : int
+        In all.
+    workers : int
+        Processes.
+    seconds : float
+        Time with the start of the workers [s].
+    """
 
     trials: int
     workers: int
@@ -84,7 +114,24 @@ def measure_cost(
     seed: int = 0,
     **pool: Any,
 ) -> list[Cost]:
-    """Run a study in scratch folders, with so many trials per cell and so many workers each."""
+    """Run a study in scratch folders, with so many trials per cell and so many workers each.
+
+    Parameters
+    ----------
+    study : Study
+        What to run.
+    trials, workers : sequence of int
+        Trials per cell, and processes; every pair of them is run.
+    seed : int
+        Of all runs.
+    **pool
+        Where it runs, as in `run_study`.
+
+    Returns
+    -------
+    list of Cost
+        One per run.
+    """
     costs = []
     for count in workers:
         for each in trials:

@@ -115,7 +115,13 @@ class StudyResult:
 
 @dataclass(frozen=True)
 class Summary:
-    """A small table: one entry per combination of labels."""
+    """A small table.
+
+    Parameters
+    ----------
+    entries : tuple of dict
+        One per combination of labels.
+    """
 
     entries: tuple[dict[str, Any], ...]
 
@@ -172,6 +178,16 @@ def _cells_of(entry: dict[str, Any]) -> dict[str, str]:
 
 def load_study(path: str | Path) -> StudyResult:
     """Read the file of a finished study.
+
+    Parameters
+    ----------
+    path : path
+        ``NAME.h5`` of `run_study`.
+
+    Returns
+    -------
+    StudyResult
+        What was stored.
 
     Raises
     ------

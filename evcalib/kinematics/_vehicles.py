@@ -18,7 +18,15 @@ from evcalib.kinematics._states import BodyTwist, WheelStates
 
 @dataclass(frozen=True)
 class Wheel:
-    """A wheel and where it touches the ground: x, y [m] in the body frame."""
+    """A wheel and where it touches the ground.
+
+    Parameters
+    ----------
+    name : str
+        A word.
+    x, y : float
+        Position in the body frame [m].
+    """
 
     name: str
     x: float
@@ -34,7 +42,13 @@ class Wheel:
 
 @dataclass(frozen=True)
 class OmniWheel(Wheel):
-    """A wheel whose rollers slide sideways; `drive` [rad] is where it rolls, from body X."""
+    """A wheel whose rollers slide sideways.
+
+    Parameters
+    ----------
+    drive : float
+        Direction in which it rolls, from body X towards Y [rad].
+    """
 
     drive: float
 
@@ -120,6 +134,13 @@ class Swerve(_Vehicle):
         forwards at a + pi.  Where the directions cancel (a spin on the spot) there is no mean
         angle and v is 0.  The model knows no rotation, so the yaw rate is that of the least
         squares; gate rows by it, or by slip, where the average does not hold.
+
+    Examples
+    --------
+    >>> swerve = Swerve((Wheel("front", 0.3, 0.0), Wheel("rear", -0.3, 0.0)))
+    >>> states = swerve.wheel_states(v=[[0.0, 0.5]], yaw_rate=[0.0])
+    >>> states.speed, np.degrees(states.steer)
+    (array([[0.5, 0.5]]), array([[90., 90.]]))
     """
 
     wheels: tuple[Wheel, ...]
@@ -177,6 +198,15 @@ class Mecanum(_Vehicle):
     ----------
     half_length, half_width : float
         Distance [m] of the contact points from the body's origin along X and along Y.
+
+    Examples
+    --------
+    >>> mecanum = Mecanum(half_length=0.3, half_width=0.2)
+    >>> states = mecanum.wheel_states(v=[[1.0, 0.5]], yaw_rate=[0.2])
+    >>> mecanum.names, states.speed
+    (('fl', 'fr', 'rl', 'rr'), array([[0.4, 1.6, 1.4, 0.6]]))
+    >>> mecanum.twist(states).v.round(6)
+    array([[1. , 0.5]])
     """
 
     half_length: float
@@ -213,6 +243,13 @@ class Omni(_Vehicle):
     ----------
     wheels : tuple of OmniWheel
         Three or more, with different names, that together measure every motion.
+
+    Examples
+    --------
+    >>> around = {"a": 0.0, "b": 2 * np.pi / 3, "c": -2 * np.pi / 3}
+    >>> wheels = [OmniWheel(n, np.cos(a), np.sin(a), a + np.pi / 2) for n, a in around.items()]
+    >>> Omni(tuple(wheels)).wheel_states(v=[[0.0, 0.0]], yaw_rate=[0.5]).speed.round(6)
+    array([[0.5, 0.5, 0.5]])
     """
 
     wheels: tuple[OmniWheel, ...]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,8 @@ SECONDS = 0.3
 """A velocity is drawn as the way it goes in this time [s]."""
 MIN_ARROW = 0.01
 """Shorter arrows [m] are not drawn."""
+
+ORIGIN, UPRIGHT = np.zeros(2), np.eye(2)
 
 
 def draw_motion(
@@ -68,8 +70,65 @@ def draw_motion(
     _frame(ax, reach)
 
 
+def draw_motions(axes: Sequence[Axes], cases: Mapping[str, tuple[Vehicle, WheelStates]]) -> None:
+    """Draw vehicles and their motions side by side to one scale (`draw_motion`), with titles."""
+    size = max(float(np.abs(vehicle.positions).max()) for vehicle, _ in cases.values())
+    for ax, (name, (vehicle, states)) in zip(axes, cases.items(), strict=True):
+        draw_motion(ax, vehicle, states, reach=2.5 * size)
+        ax.set_title(name)
+        if ax is not axes[0]:
+            ax.set_ylabel("")
+
+
+def draw_travel(
+    ax: Axes, vehicle: Vehicle, states: WheelStates, *, seconds: float, now: float
+) -> None:
+    """Draw where a vehicle goes while its wheels stay as they are, from above.
+
+    The body's motion is constant in its own frame, so it goes along a circle or a line.
+
+    Parameters
+    ----------
+    ax : Axes
+        Where to draw.
+    vehicle : Swerve, Mecanum or Omni
+        The vehicle.
+    states : WheelStates
+        States of its wheels; the first row counts.
+    seconds : float
+        How long it goes [s].
+    now : float
+        When it is drawn [s]; where it started is drawn in grey.
+    """
+    twist = vehicle.twist(states)
+    motion = *twist.v[0], float(twist.yaw_rate[0])
+    angle = _wheel_angles(vehicle, states)
+    size = float(np.abs(vehicle.positions).max())
+    path = np.array([_placed(motion, t)[0] for t in np.linspace(0.0, seconds, 61)])
+    ax.plot(*_on_page(path).T, color=style.BODY, lw=1.6, zorder=3)
+    for t, alpha in ((0.0, 0.3), (now, 1.0)):
+        place, turn = _placed(motion, t)
+        _draw_chassis(ax, vehicle, angle, size, place=place, turn=turn, alpha=alpha)
+    place, turn = _placed(motion, now)
+    ahead = np.stack([place, place + turn @ [0.8 * size, 0.0]])
+    ax.plot(*_on_page(ahead).T, color=style.BODY, lw=3, zorder=5)
+    corners = path[:, None] + 1.5 * size * np.array([[-1, -1], [1, 1]])
+    low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
+    middle, reach = (low + high) / 2, max(float((high - low).max()) / 2, 2.5 * size)
+    ax.set(xlim=(middle[1] + reach, middle[1] - reach), ylim=(middle[0] - reach, middle[0] + reach))
+    ax.set_aspect("equal")
+    ax.locator_params(nbins=6)
+    style.label(ax, "to the left [m]", "forward [m]")
+
+
 def explain_motion(figure: Figure) -> None:
-    """Put the legend of `draw_motion` below all panels of a figure."""
+    """Put the legend of `draw_motion` below all panels of a figure.
+
+    Parameters
+    ----------
+    figure : Figure
+        With a constrained layout.
+    """
     looks: dict[str, Any] = {
         "measured by a wheel": {"color": style.MEASURED, "lw": 2},
         "velocity of the body": {"color": style.BODY, "lw": 3},
@@ -83,7 +142,15 @@ def explain_motion(figure: Figure) -> None:
 
 
 def draw_velocity_log(axes: Sequence[Axes], result: BodyVelocities) -> None:
-    """Draw velocity, yaw rate and slip of a log over time into three stacked axes."""
+    """Draw velocity, yaw rate and slip of a log over time.
+
+    Parameters
+    ----------
+    axes : sequence of Axes
+        Three, stacked.
+    result : BodyVelocities
+        From `evcalib.kinematics.body_velocities`.
+    """
     series = result.velocities
     assert series.yaw_rate is not None
     names = ("forward $v_x$", "left $v_y$")
@@ -95,6 +162,15 @@ def draw_velocity_log(axes: Sequence[Axes], result: BodyVelocities) -> None:
     labels = ("velocity [m/s]", "yaw rate [rad/s]", "slip [m/s]")
     for ax, name in zip(axes, labels, strict=True):
         style.label(ax, "time [s]" if ax is axes[-1] else "", name)
+
+
+def draw_speed_error(ax: Axes, rates: NDArray, errors: Mapping[str, NDArray]) -> None:
+    """Draw errors of the forward speed [m/s] over the yaw rate [rad/s], one line each."""
+    looks = (("--", style.OUTLIER), ("-", style.BODY))
+    for (name, error), (dash, color) in zip(errors.items(), looks, strict=True):
+        ax.plot(rates, error, dash, color=color, label=name)
+    ax.legend(loc="upper left")
+    style.label(ax, "yaw rate [rad/s]", "error of the forward speed [m/s]")
 
 
 def _wheel_angles(vehicle: Vehicle, one: WheelStates) -> NDArray[np.float64]:
@@ -122,22 +198,46 @@ def _on_page(points: NDArray[np.float64]) -> NDArray[np.float64]:
     return points[..., ::-1]
 
 
-def _draw_chassis(ax: Axes, vehicle: Vehicle, angle: NDArray[np.float64], size: float) -> None:
+def _placed(
+    motion: tuple[float, float, float], t: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return where a constant twist takes the body in some time, and how it is turned then."""
+    vx, vy, rate = motion
+    turned = rate * t
+    turn = np.array([[np.cos(turned), -np.sin(turned)], [np.sin(turned), np.cos(turned)]])
+    # sin(a)/a and (1 - cos(a))/a, which have limits on a straight line
+    along = float(np.sinc(turned / np.pi))
+    across = float(np.sin(turned / 2) * np.sinc(turned / (2 * np.pi)))
+    return t * np.array([along * vx - across * vy, across * vx + along * vy]), turn
+
+
+def _draw_chassis(
+    ax: Axes,
+    vehicle: Vehicle,
+    angle: NDArray[np.float64],
+    size: float,
+    *,
+    place: NDArray[np.float64] = ORIGIN,
+    turn: NDArray[np.float64] = UPRIGHT,
+    alpha: float = 1.0,
+) -> None:
     places = vehicle.positions
     around = places - places.mean(axis=0)
     order = np.argsort(np.arctan2(around[:, 1], around[:, 0]), kind="stable")
-    fill = {"facecolor": style.MUTED, "alpha": 0.15, "zorder": 1}
-    ax.add_patch(Polygon(_on_page(places[order]), closed=True, **fill))
+    fill = {"facecolor": style.MUTED, "alpha": 0.15 * alpha, "zorder": 1}
+    ax.add_patch(Polygon(_on_page(place + places[order] @ turn.T), closed=True, **fill))
     half = 0.22 * size * np.array([[1, 0.4], [1, -0.4], [-1, -0.4], [-1, 0.4]])
     rollers = (-1, 1, 1, -1) if isinstance(vehicle, Mecanum) else (0,) * len(places)
-    for place, a, roller in zip(places, angle, rollers, strict=True):
-        turn = np.array([[np.cos(a), -np.sin(a)], [np.sin(a), np.cos(a)]])
-        tyre = {"facecolor": "0.75", "edgecolor": "0.2", "zorder": 2}
-        ax.add_patch(Polygon(_on_page(place + half @ turn.T), closed=True, **tyre))
+    for here, a, roller in zip(places, angle, rollers, strict=True):
+        steer = np.array([[np.cos(a), -np.sin(a)], [np.sin(a), np.cos(a)]])
+        tyre = {"facecolor": "0.75", "edgecolor": "0.2", "zorder": 2, "alpha": alpha}
+        corners = place + (here + half @ steer.T) @ turn.T
+        ax.add_patch(Polygon(_on_page(corners), closed=True, **tyre))
         for along in (-0.12, 0.0, 0.12) if roller else ():
             # the rollers as seen from above: those on the ground lie the other way round
             ends = size * np.array([[along - 0.06, 0.06 * roller], [along + 0.06, -0.06 * roller]])
-            ax.plot(*_on_page(place + ends).T, color="0.2", lw=1, zorder=3)
+            ends = place + (here + ends) @ turn.T
+            ax.plot(*_on_page(ends).T, color="0.2", lw=1, zorder=3, alpha=alpha)
 
 
 def _arrow(

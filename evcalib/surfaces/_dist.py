@@ -91,7 +91,22 @@ def dist(
     clip: float = 0.99,
     polarity: str = "split",
 ) -> NDArray[np.float64]:
-    """Return the discounted, sorted timestamps of the events up to `t_us` [us]; see `Dist`."""
+    """Return the discounted, sorted timestamps of the events up to `t_us`.
+
+    Parameters
+    ----------
+    events : Events
+        What happened.
+    t_us : int, optional
+        Time of the image [us]; by default that of the last event.
+    alpha, patch, clip, polarity
+        As in `Dist`.
+
+    Returns
+    -------
+    (height, width) or (2, height, width) float64
+        Ranks in [0, 1); the latest is highest.
+    """
     options = {"alpha": alpha, "patch": patch, "clip": clip}
     surface = Dist(events.width, events.height, **options, polarity=polarity)  # type: ignore[arg-type]
     return render_once(surface, events, t_us)

@@ -108,7 +108,29 @@ def tos(
     threshold: int | None = None,
     polarity: str = "merged",
 ) -> NDArray[np.uint8]:
-    """Return the threshold-ordinal surface of the events up to `t_us` [us]; see `Tos`."""
+    """Return the threshold-ordinal surface of the events up to `t_us`.
+
+    Parameters
+    ----------
+    events : Events
+        What happened.
+    t_us : int, optional
+        Time of the image [us]; by default that of the last event.
+    k, threshold, polarity
+        As in `Tos`.
+
+    Returns
+    -------
+    (height, width) or (2, height, width) uint8
+        255 where the last event happened; 0 where nothing is remembered.
+
+    Examples
+    --------
+    >>> from evcalib import Events
+    >>> events = Events(x=[1, 2], y=[1, 1], t=[0, 1000], p=[1, 1], width=4, height=3)
+    >>> tos(events, k=3)[1]
+    array([  0, 254, 255,   0], dtype=uint8)
+    """
     surface = Tos(events.width, events.height, k=k, threshold=threshold, polarity=polarity)
     return render_once(surface, events, t_us)
 
@@ -116,5 +138,20 @@ def tos(
 def silc(
     events: Events, t_us: int | None = None, *, r: int = 6, polarity: str = "split"
 ) -> NDArray[np.uint8] | NDArray[np.uint16]:
-    """Return the speed-invariant surface of the events up to `t_us` [us]; see `Silc`."""
+    """Return the speed-invariant surface of the events up to `t_us`.
+
+    Parameters
+    ----------
+    events : Events
+        What happened.
+    t_us : int, optional
+        Time of the image [us]; by default that of the last event.
+    r, polarity
+        As in `Silc`.
+
+    Returns
+    -------
+    (height, width) or (2, height, width) uint8 or uint16
+        (2 r + 1)^2 where the last event happened; 0 where nothing is remembered.
+    """
     return render_once(Silc(events.width, events.height, r=r, polarity=polarity), events, t_us)

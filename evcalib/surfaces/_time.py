@@ -56,6 +56,28 @@ class TimeSurface(Surface):
 def time_surface(
     events: Events, t_us: int | None = None, *, tau: float = 0.03, polarity: str = "merged"
 ) -> NDArray[np.float64]:
-    """Return the time surface of the events up to `t_us` [us]; see `TimeSurface`."""
+    """Return the time surface of the events up to `t_us`.
+
+    Parameters
+    ----------
+    events : Events
+        What happened.
+    t_us : int, optional
+        Time of the image [us]; by default that of the last event.
+    tau, polarity
+        As in `TimeSurface`.
+
+    Returns
+    -------
+    (height, width) or (2, height, width) float64
+        1 for an event at this time, falling to 0 with the age.
+
+    Examples
+    --------
+    >>> from evcalib import Events
+    >>> events = Events(x=[0, 1], y=[0, 0], t=[0, 30_000], p=[1, 1], width=2, height=1)
+    >>> time_surface(events, tau=0.03).round(3)
+    array([[0.368, 1.   ]])
+    """
     surface = TimeSurface(events.width, events.height, tau=tau, polarity=polarity)
     return render_once(surface, events, t_us)

@@ -78,7 +78,22 @@ def tos_ts(
     ts_threshold: float = 0.1,
     polarity: str = "merged",
 ) -> NDArray[np.uint8]:
-    """Return TOS AND TS of the events up to `t_us` [us]; see `TosTs`."""
+    """Return TOS AND TS of the events up to `t_us`.
+
+    Parameters
+    ----------
+    events : Events
+        What happened.
+    t_us : int, optional
+        Time of the image [us]; by default that of the last event.
+    k, threshold, tau, ts_threshold, polarity
+        As in `TosTs`.
+
+    Returns
+    -------
+    (height, width) or (2, height, width) uint8
+        The TOS where the time surface is above its threshold, else 0.
+    """
     surface = TosTs(
         events.width,
         events.height,
