@@ -6,6 +6,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import matplotlib.image
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
@@ -14,6 +15,8 @@ from data_tools.samples import load_sample
 from evcalib.camera import Camera
 from evcalib.errors import InputError
 from evcalib.events import Events
+from evcalib.plots.heading import draw_offsets
+from evcalib.surfaces import tos_ts
 from evcalib.two_views import Pairs, keypoints_at, matched
 from evcalib.widgets import heading as module
 from evcalib.widgets.heading import HeadingPanel
@@ -99,6 +102,28 @@ def test_without_a_direction_the_panel_says_so(panel, monkeypatch):
     panel.baseline.value += 50
     assert "No direction found" in panel.numbers.value
     assert bytes(panel.picture.value).startswith(b"\x89PNG")
+
+
+def test_a_heading_far_off_is_counted_in_the_picture():
+    figure, ax = plt.subplots()
+    draw_offsets(ax, np.eye(3), [0.0, 0.0, 1.0], reach=10.0)
+    assert [text.get_text() for text in ax.texts] == ["2 farther off"]
+    plt.close(figure)
+
+
+def test_reset_brings_the_first_picture_back(panel):
+    first, words = panel.picture.value, panel.numbers.value
+    panel.recording.value, panel.solver.value, panel.pool.value = "right", "five points", True
+    panel.middle.value = 250
+    assert panel.picture.value != first
+    panel.reset.click()
+    assert (panel.picture.value, panel.numbers.value) == (first, words)
+
+
+def test_the_surface_is_that_of_the_later_time(panel):
+    panel.middle.value, panel.baseline.value = 200, 200
+    events = panel.recordings["ahead"].events
+    np.testing.assert_array_equal(panel.surface(), tos_ts(events.between(0, 300_001), 300_000))
 
 
 def test_recordings_are_needed():

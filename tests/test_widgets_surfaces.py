@@ -7,12 +7,15 @@ from types import SimpleNamespace
 import cv2
 import numpy as np
 import pytest
+from ipywidgets import Play
 
 from evcalib import surfaces
 from evcalib.errors import InputError
 from evcalib.events import Events
 from evcalib.plots.events import NAMES
-from evcalib.widgets.surfaces import CAPTION, ENLARGED, SurfacePanel, tile
+from evcalib.widgets.surfaces import CAPTION, ROOM, SurfacePanel, tile
+
+SIDE = ROOM // 48
 
 
 def moving_bar(speed, width=48, height=32):
@@ -56,7 +59,7 @@ def test_every_corner_of_the_ranges_shows_a_picture_and_numbers(panel):
         for slider, value in zip(sliders, values, strict=True):
             slider.value = value
         lit, like = shown(panel)
-        assert picture(panel).shape == (2 * (32 * ENLARGED + CAPTION + 3), 3 * (48 * 2 + 6), 3)
+        assert picture(panel).shape == (2 * (32 * SIDE + CAPTION + 3), 3 * (48 * SIDE + 6), 3)
         assert ((lit >= 0) & (lit <= 100)).all()
         assert (np.abs(like) <= 1).all()
         lit_of = dict(zip(NAMES, lit, strict=True))
@@ -113,10 +116,24 @@ def test_corners_can_be_taken_away(panel):
     with_circle = tile(np.zeros((32, 48), np.uint8), "x", np.array([[20, 16]]))
     without = tile(np.zeros((32, 48), np.uint8), "x", np.empty((0, 2)))
     rows, columns = np.nonzero((with_circle != without).any(axis=2))
-    centre = (3 + ENLARGED * 20.5, CAPTION + ENLARGED * 16.5)
+    centre = (3 + 2 * 20.5, CAPTION + 2 * 16.5)
     assert np.abs([columns.mean() - centre[0], rows.mean() - centre[1]]).max() < 1
     panel.corners.value = False
     assert (picture(panel) == picture(panel)[..., :1]).all()
+
+
+def test_reset_brings_the_first_picture_back(panel):
+    first, words = panel.picture.value, panel.numbers.value
+    panel.speed.value, panel.time.value, panel.patch.value = "fast", 20, 11
+    panel.corners.value = False
+    assert panel.picture.value != first
+    panel.reset.click()
+    assert (panel.picture.value, panel.numbers.value) == (first, words)
+
+
+def test_the_player_goes_through_the_whole_time(panel):
+    (play,) = [w for w in panel.children[0].children if isinstance(w, Play)]
+    assert (play.min, play.max, play.value) == (panel.time.min, panel.time.max, 70)
 
 
 def test_recordings_and_pictures_are_needed():

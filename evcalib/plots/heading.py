@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
 from numpy.typing import ArrayLike, NDArray
 
+from evcalib._translation import Translation
 from evcalib.camera import Camera
 from evcalib.geometry import angle_between, unit
 from evcalib.plots import style
+from evcalib.surface_quality import grey
 from evcalib.two_views import Pairs
 
 Floats = NDArray[np.float64]
+
+LINES = 15
+"""About so many epipolar lines are drawn."""
 
 
 def draw_matches(
@@ -47,9 +54,9 @@ def draw_strokes(
         kinds["outlier"] = ~inliers, style.OUTLIER
         kinds["inlier"] = inliers, style.INLIER
     for name, (rows, color) in kinds.items():
-        x, y = (np.column_stack((xy1[rows, k], xy2[rows, k])).T for k in (0, 1))
-        ax.plot(x, y, color=color, lw=1.0)
-        ax.plot(x[1], y[1], "o", ms=2.5, color=color, label=name)
+        strokes = np.stack((xy1[rows], xy2[rows]), axis=1)
+        ax.add_collection(LineCollection(list(strokes), colors=color, lw=1.2))
+        ax.plot(*xy2[rows].T, "o", ms=3, color=color, label=name)
 
 
 def draw_epipolar(ax: Axes, camera: Camera, direction: ArrayLike, xy: ArrayLike) -> None:
@@ -67,17 +74,23 @@ def draw_epipolar(ax: Axes, camera: Camera, direction: ArrayLike, xy: ArrayLike)
         Points [px], one on each line.
     """
     ahead = unit(np.asarray(direction, dtype=np.float64))
-    angles = np.radians(np.linspace(-179.0, 179.0, 359))
+    # Half of the great circle is the line of points that move away from the focus.
+    angles = np.radians(np.linspace(1.0, 179.0, 179))
+    lines = []
     for ray in camera.bearings(np.asarray(xy, dtype=np.float64)):
         across = ray - (ray @ ahead) * ahead
         if np.linalg.norm(across) < 1e-9:
             continue
-        circle = np.outer(np.cos(angles), ahead) + np.outer(np.sin(angles), unit(across))
-        # Half of the great circle is the line of points that move away from the focus.
-        half = circle[angles > 0]
-        line = camera.project(half[half[:, 2] > 0.05])
-        ax.plot(*line.T, color=style.MUTED, lw=0.6, zorder=0)
+        half = np.outer(np.cos(angles), ahead) + np.outer(np.sin(angles), unit(across))
+        lines.append(camera.project(half[half[:, 2] > 0.05]))
+    ax.add_collection(LineCollection(lines, colors=style.MUTED, lw=0.7, zorder=0.5))
     show_image_plane(ax, camera)
+
+
+def draw_backdrop(ax: Axes, surface: NDArray) -> None:
+    """Draw a surface in faint grey on white, as ground for coloured marks."""
+    ax.imshow(grey(surface), cmap="Greys", vmin=0, vmax=4 * 255, interpolation="nearest", zorder=0)
+    ax.grid(visible=False)
 
 
 def draw_focus(
@@ -89,6 +102,35 @@ def draw_focus(
         return
     form, color = ("+", style.TRUE) if true else ("x", style.CAMERA)
     ax.plot(x, y, form, ms=12, mew=2.5, color=color, label=name, zorder=5)
+
+
+def draw_heading(
+    ax: Axes, camera: Camera, pairs: Pairs, found: Translation | None, truth: ArrayLike
+) -> None:
+    """Draw matches, the epipolar lines of the heading found for them, and both focuses.
+
+    Parameters
+    ----------
+    ax : Axes
+        Where to draw.
+    camera : Camera
+        The camera.
+    pairs : Pairs
+        The matches.
+    found : Translation or None
+        What a solver made of them.
+    truth : array_like, shape (3,)
+        True heading.
+    """
+    if found is None:
+        draw_matches(ax, camera, pairs)
+    else:
+        inliers = np.flatnonzero(found.inliers)
+        some = inliers[:: max(1, inliers.size // LINES)]
+        draw_epipolar(ax, camera, found.direction, pairs.xy1[some])
+        draw_matches(ax, camera, pairs, found.inliers)
+        draw_focus(ax, camera, found.direction, name="focus found")
+    draw_focus(ax, camera, truth, true=True, name="true focus")
 
 
 def show_image_plane(ax: Axes, camera: Camera) -> None:
@@ -126,15 +168,53 @@ def offsets(v: ArrayLike, truth: ArrayLike) -> Floats:
     return flat / np.maximum(length, 1e-300) * angle
 
 
+def draw_solvers(
+    axes: Sequence[Axes], angles: ArrayLike, errors: Mapping[str, Mapping[str, ArrayLike]]
+) -> None:
+    """Draw the median error of solvers over the direction of motion, one axes for each study.
+
+    Parameters
+    ----------
+    axes : sequence of Axes
+        One for each study.
+    angles : array_like, shape (n,)
+        Direction of motion from the optical axis [deg].
+    errors : mapping of str to (mapping of str to array_like, shape (n,))
+        Median errors [deg] by study and solver.
+    """
+    looks = (("o-", style.CAMERA), ("s--", style.MUTED))
+    for ax, (study, by_solver) in zip(axes, errors.items(), strict=True):
+        for (solver, error), (form, color) in zip(by_solver.items(), looks, strict=True):
+            ax.plot(angles, error, form, color=color, label=solver)
+        ax.set_yscale("log")
+        ax.set_xticks(np.asarray(angles))
+        ax.set_yticks([0.1, 1.0, 10.0], ["0.1", "1", "10"])
+        name = "median error [deg]" if ax is axes[0] else ""
+        style.label(ax, "direction from the optical axis [deg]", name, title=study)
+
+
+def draw_errors_over_time(ax: Axes, t: ArrayLike, errors: ArrayLike, sd: ArrayLike) -> None:
+    """Draw how far headings are off [deg] over time [s], with bars of one stated sd [deg]."""
+    ax.errorbar(t, errors, sd, fmt="o", ms=5, lw=1.0, capsize=3, color=style.CAMERA)
+    ax.set_ylim(bottom=0.0)
+    style.label(ax, "time [s]", "error, bars of one sd [deg]")
+
+
 def draw_offsets(
     ax: Axes, v: ArrayLike, truth: ArrayLike, sd: ArrayLike | None = None, *, reach: float = 5.0
 ) -> None:
-    """Draw directions around the true one, with bars of one standard deviation [rad]."""
+    """Draw directions around the true one, with bars of one standard deviation [rad].
+
+    How many are farther off than `reach` [deg] is said in a corner.
+    """
     off = offsets(v, truth)
     bars = np.zeros(len(off)) if sd is None else np.degrees(np.asarray(sd, dtype=np.float64))
     x, y = off.T
-    look: Any = {"fmt": "o", "ms": 3.5, "lw": 0.7, "color": style.CAMERA, "label": "heading"}
+    look: Any = {"fmt": "o", "ms": 4.5, "lw": 1.0, "color": style.CAMERA, "label": "heading"}
     ax.errorbar(x, y, bars, bars, **look)
+    beyond = int((np.abs(off) > reach).any(axis=1).sum())
+    if beyond:
+        ax.text(0.03, 0.03, f"{beyond} farther off", transform=ax.transAxes, color=style.CAMERA)
     ax.plot(0, 0, "+", ms=14, mew=2.5, color=style.TRUE, label="truth")
     ticks = np.linspace(-reach, reach, 5)
     ax.set(xlim=(-reach, reach), ylim=(reach, -reach), xticks=ticks, yticks=ticks, aspect="equal")

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
 import cv2
 import ipywidgets as widgets
+import matplotlib.colors
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
@@ -70,6 +72,19 @@ def bare_figure(size: tuple[float, float], **margins: float) -> Figure:
     return figure
 
 
+def wipe(axes: Iterable[Axes]) -> None:
+    """Take everything out of axes but their frames and ticks, which take longest to make anew."""
+    for ax in axes:
+        legend = ax.get_legend()
+        if legend is not None:
+            legend.remove()
+        for artist in (*ax.lines, *ax.collections, *ax.patches, *ax.images, *ax.texts):
+            artist.remove()
+        ax.containers.clear()
+        ax.relim()
+        ax.set_autoscale_on(True)
+
+
 def pixels(figure: Figure) -> Picture:
     """Return a figure as an image in OpenCV's order of colours, shape (height, width, 3)."""
     canvas = figure.canvas
@@ -78,6 +93,12 @@ def pixels(figure: Figure) -> Picture:
         canvas.draw()
     shown = np.asarray(canvas.buffer_rgba())
     return np.ascontiguousarray(shown[..., 2::-1])
+
+
+def bgr(color: str) -> tuple[int, int, int]:
+    """Return a colour in OpenCV's order."""
+    red, green, blue = (round(255 * part) for part in matplotlib.colors.to_rgb(color))
+    return blue, green, red
 
 
 def encode(picture: Picture) -> bytes:

@@ -17,8 +17,10 @@ from evcalib.events import Events
 from evcalib.features import Keypoints
 from evcalib.geometry import angle_between
 from evcalib.plots import style
-from evcalib.plots.heading import draw_epipolar, draw_focus, draw_matches, draw_offsets
+from evcalib.plots.heading import draw_backdrop, draw_heading, draw_offsets
+from evcalib.surface_quality import surface_images
 from evcalib.two_views import Pairs, keypoints_at, matched
+from evcalib.widgets._parts import Panel, bare_figure, encode, pixels, player, whole_slider, wipe
 
 STEP_MS = 25
 """Time between keyframes."""
@@ -44,7 +46,7 @@ class Recording(Protocol):
     def direction(self) -> NDArray[np.float64]: ...  # noqa: D102
 
 
-class HeadingPanel(widgets.VBox):
+class HeadingPanel(Panel):
     """Sliders for the middle of a pair of keyframes and for the time between them.
 
     Parameters
@@ -54,26 +56,34 @@ class HeadingPanel(widgets.VBox):
     """
 
     def __init__(self, recordings: Mapping[str, Recording]) -> None:
+        super().__init__()
         if not recordings:
             raise InputError("at least one recording is needed")
         self.recordings = dict(recordings)
         self._keypoints: dict[str, list[Keypoints]] = {}
-        self.recording = widgets.Dropdown(options=list(recordings), description="motion")
+        self.recording = widgets.ToggleButtons(
+            options=list(recordings), style={"button_width": "105px"}
+        )
+        self.solver = widgets.ToggleButtons(options=list(SOLVERS), style={"button_width": "105px"})
         ends = [int(1e-3 * r.events.t[-1]) // STEP_MS for r in self.recordings.values()]
         last = STEP_MS * (min(ends) - 1)
-        self.middle = _slider("time [ms]", 2 * STEP_MS, last, STEP_MS * (last // (2 * STEP_MS)))
-        self.baseline = _slider("baseline [ms]", 4 * STEP_MS, LONGEST_MS, 200)
-        self.baseline.step = 2 * STEP_MS
-        self.solver = widgets.Dropdown(options=list(SOLVERS), description="solver")
+        middle = STEP_MS * (last // (2 * STEP_MS))
+        self.middle = whole_slider("time [ms]", 2 * STEP_MS, last, STEP_MS, middle)
+        self.baseline = whole_slider("baseline [ms]", 4 * STEP_MS, LONGEST_MS, 2 * STEP_MS, 200)
         self.pool = widgets.Checkbox(description="pool shorter baselines too", indent=False)
         self.picture = widgets.Image(format="png")
         self.numbers = widgets.HTML()
-        controls = (self.recording, self.middle, self.baseline, self.solver, self.pool)
-        for control in controls:
-            control.observe(lambda change: self._draw(), names="value")
-        rows = [widgets.HBox(controls[:3]), widgets.HBox(controls[3:])]
-        super().__init__([*rows, self.picture, self.numbers])
-        self._draw()
+        margins = {"left": 0.06, "right": 0.985, "bottom": 0.22, "top": 0.97, "wspace": 0.2}
+        self._figure = bare_figure((9.6, 4.4), **margins)
+        with style.context():
+            self._axes = self._figure.subplots(1, 2, width_ratios=(3, 2))
+        rows = [
+            widgets.HBox([self.recording, self.solver]),
+            widgets.HBox([self.middle, player(self.middle, 300), self.reset]),
+            widgets.HBox([self.baseline, self.pool]),
+        ]
+        controls = (self.recording, self.solver, self.middle, self.baseline, self.pool)
+        self._start(controls, [*rows, self.picture, self.numbers])
 
     def pairs(self) -> Pairs | None:
         """Return the matches that the sliders stand for; None if a keyframe is not there."""
@@ -99,21 +109,24 @@ class HeadingPanel(widgets.VBox):
     def draw(self, pairs: Pairs, found: Translation | None) -> bytes:
         """Return matches and heading as a PNG picture."""
         recording = self.recordings[self.recording.value]
-        camera, truth = recording.camera, recording.direction
-        figure = style.new_figure((9.0, 3.9))
+        wipe(self._axes)
+        for legend in list(self._figure.legends):
+            legend.remove()
         with style.context():
-            left, right = figure.subplots(1, 2, width_ratios=(3, 2))
-            draw_matches(left, camera, pairs, None if found is None else found.inliers)
-            draw_focus(left, camera, truth, true=True, name="true focus")
-            if found is not None:
-                some = np.flatnonzero(found.inliers)[:: max(1, int(found.inliers.sum()) // 25)]
-                draw_epipolar(left, camera, found.direction, pairs.xy1[some])
-                draw_focus(left, camera, found.direction, name="focus found")
+            left, right = self._axes
+            draw_backdrop(left, self.surface())
+            draw_heading(left, recording.camera, pairs, found, recording.direction)
             v, sd = ([], []) if found is None else ([found.direction], [found.sd])
-            draw_offsets(right, np.reshape(v, (-1, 3)), truth, sd, reach=10.0)
-            handles = dict(zip(*left.get_legend_handles_labels()[::-1], strict=True))
-            figure.legend(handles.values(), handles.keys(), loc="outside lower left", ncols=4)
-        return style.png(figure)
+            draw_offsets(right, np.reshape(v, (-1, 3)), recording.direction, sd, reach=10.0)
+            names = dict(zip(*left.get_legend_handles_labels()[::-1], strict=True))
+            self._figure.legend(names.values(), names.keys(), loc="lower left", ncols=4)
+        return encode(pixels(self._figure))
+
+    def surface(self) -> NDArray[np.uint8]:
+        """Return TOS AND TS at the later of the two times."""
+        events = self.recordings[self.recording.value].events
+        later = 1000 * (self.middle.value + self.baseline.value // 2)
+        return surface_images("tos_ts", events, [later])[0]
 
     def report(self, pairs: Pairs, found: Translation | None) -> str:
         """Return the numbers behind the picture."""
@@ -143,7 +156,3 @@ class HeadingPanel(widgets.VBox):
         found = self.solve(pairs)
         self.picture.value = self.draw(pairs, found)
         self.numbers.value = self.report(pairs, found)
-
-
-def _slider(name: str, low: int, high: int, value: int) -> widgets.IntSlider:
-    return widgets.IntSlider(min=low, max=high, step=STEP_MS, value=value, description=name)

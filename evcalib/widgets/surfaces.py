@@ -7,7 +7,6 @@ from typing import Protocol
 
 import cv2
 import ipywidgets as widgets
-import matplotlib.colors
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,9 +17,10 @@ from evcalib.events import Events
 from evcalib.plots import style
 from evcalib.plots.events import NAMES
 from evcalib.surface_quality import grey, likeness, surface_images
+from evcalib.widgets._parts import Panel, bgr, encode, player, slider, whole_slider
 
-ENLARGED = 2
-"""Side of a pixel of the sensor on the screen [px]."""
+ROOM = 330
+"""Width of a surface on the screen [px], if whole enlargements allow."""
 RECENT = 0.02
 """Corners of this last part of the recording are shown."""
 CAPTION = 20
@@ -37,7 +37,9 @@ class Recording(Protocol):
     def frames(self) -> NDArray[np.uint8]: ...  # noqa: D102
 
 
-def tile(image: NDArray[np.uint8], title: str, corners: NDArray) -> NDArray[np.uint8]:
+def tile(
+    image: NDArray[np.uint8], title: str, corners: NDArray, *, side: int = 2
+) -> NDArray[np.uint8]:
     """Return an image enlarged, in BGR, with a caption and circles around corners.
 
     Parameters
@@ -48,11 +50,13 @@ def tile(image: NDArray[np.uint8], title: str, corners: NDArray) -> NDArray[np.u
         Its caption.
     corners : ndarray, shape (n, 2)
         Pixels.
+    side : int
+        Of a pixel of the sensor on the screen [px].
     """
-    large = image.repeat(ENLARGED, axis=0).repeat(ENLARGED, axis=1)
+    large = image.repeat(side, axis=0).repeat(side, axis=1)
     picture = cv2.cvtColor(large, cv2.COLOR_GRAY2BGR)
-    for x, y in np.rint(ENLARGED * (corners + 0.5)).astype(int).tolist():
-        cv2.circle(picture, (x, y), 2 * ENLARGED, _bgr(style.MEASURED), 1, cv2.LINE_AA)
+    for x, y in np.rint(side * (corners + 0.5)).astype(int).tolist():
+        cv2.circle(picture, (x, y), 4, bgr(style.MEASURED), 1, cv2.LINE_AA)
     framed = cv2.copyMakeBorder(
         picture, CAPTION, 3, 3, 3, cv2.BORDER_CONSTANT, value=(255, 255, 255)
     )
@@ -61,12 +65,7 @@ def tile(image: NDArray[np.uint8], title: str, corners: NDArray) -> NDArray[np.u
     return np.asarray(framed, dtype=np.uint8)
 
 
-def _bgr(color: str) -> tuple[int, int, int]:
-    red, green, blue = (round(255 * part) for part in matplotlib.colors.to_rgb(color))
-    return blue, green, red
-
-
-class SurfacePanel(widgets.VBox):
+class SurfacePanel(Panel):
     """A picture and the five surfaces at the same place, at a time and speed of one's choice.
 
     Parameters
@@ -77,6 +76,7 @@ class SurfacePanel(widgets.VBox):
     """
 
     def __init__(self, recordings: Mapping[str, Recording]) -> None:
+        super().__init__()
         if not recordings:
             raise InputError("at least one recording is needed")
         self.streams = {name: recording.events for name, recording in recordings.items()}
@@ -85,20 +85,29 @@ class SurfacePanel(widgets.VBox):
         if not with_frames:
             raise InputError("none of the recordings holds pictures")
         self._frames = with_frames[0]
-        self.speed = widgets.SelectionSlider(options=list(recordings), description="speed")
-        self.time = widgets.IntSlider(value=70, min=2, max=100, step=2, description="time [%]")
-        self.tau = _slider("tau [ms]", 5.0, 200.0, 5.0, 30.0, ".0f")
-        self.threshold = _slider("threshold", 0.02, 0.9, 0.02, 0.1, ".2f")
-        self.patch = widgets.IntSlider(value=7, min=3, max=15, step=2, description="patch [px]")
+        self._side = max(1, ROOM // self._frames.shape[2])
+        self._slow: tuple[tuple[float, ...], dict[str, NDArray]] | None = None
+        self.speed = widgets.SelectionSlider(
+            options=list(recordings),
+            description="speed",
+            style={"description_width": "95px"},
+            layout={"width": "305px"},
+        )
+        self.time = whole_slider("time [%]", 2, 100, 1, 70)
+        self.tau = slider("tau [ms]", 5.0, 200.0, 5.0, 30.0)
+        self.threshold = slider("threshold", 0.02, 0.9, 0.02, 0.1, ".2f")
+        self.patch = whole_slider("patch [px]", 3, 15, 2, 7)
         self.corners = widgets.Checkbox(value=True, description="Arc* corners", indent=False)
         self.picture = widgets.Image(format="png")
         self.numbers = widgets.HTML()
-        controls = (self.speed, self.time, self.tau, self.threshold, self.patch, self.corners)
-        for control in controls:
-            control.observe(lambda change: self._draw(), names="value")
-        rows = [widgets.HBox(controls[:3]), widgets.HBox(controls[3:])]
-        super().__init__([*rows, self.picture, self.numbers])
-        self._draw()
+        self._settings = (self.time, self.tau, self.threshold, self.patch)
+        rows = [
+            widgets.HBox([self.speed, self.time, player(self.time, 100)]),
+            widgets.HBox([self.tau, self.threshold, self.patch]),
+            widgets.HBox([self.corners, self.reset]),
+        ]
+        controls = (self.speed, *self._settings, self.corners)
+        self._start(controls, [*rows, self.picture, self.numbers])
 
     @property
     def t_us(self) -> int:
@@ -137,17 +146,18 @@ class SurfacePanel(widgets.VBox):
     def draw(self, images: Mapping[str, NDArray]) -> bytes:
         """Return the picture of the scene and the surfaces as a PNG file."""
         corners = self.recent_corners() if self.corners.value else np.empty((0, 2))
-        tiles = [tile(grey(image), NAMES[name], corners) for name, image in images.items()]
+        tiles = [
+            tile(grey(image), NAMES[name], corners, side=self._side)
+            for name, image in images.items()
+        ]
         nearest = round(0.01 * self.time.value * (len(self._frames) + 1)) - 1
         frame = self._frames[min(max(nearest, 0), len(self._frames) - 1)]
-        tiles.insert(0, tile(frame, "picture nearby", corners))
-        mosaic = np.vstack([np.hstack(tiles[:3]), np.hstack(tiles[3:])])
-        return cv2.imencode(".png", mosaic)[1].tobytes()
+        tiles.insert(0, tile(frame, "picture nearby", corners, side=self._side))
+        return encode(np.vstack([np.hstack(tiles[:3]), np.hstack(tiles[3:])]))
 
     def table(self, images: Mapping[str, NDArray]) -> str:
         """Return how much of each surface is lit, and how like the slowest it is, as HTML."""
-        first = next(iter(self.streams))
-        slow = self.images(first)
+        first, slow = next(iter(self.streams)), self._slowest(images)
         lit = [f"{100 * np.count_nonzero(image) / image.size:.0f} %" for image in images.values()]
         like = [f"{likeness(grey(images[k]), grey(slow[k])):.2f}" for k in images]
         head = _row("th", ["", *(NAMES[name] for name in images)])
@@ -156,6 +166,16 @@ class SurfacePanel(widgets.VBox):
         age = 1e-3 * self.tau.value * float(np.log(1 / self.threshold.value))
         note = f"TOS AND TS keeps events of the last {1000 * age:.0f} ms"
         return f"{1e-3 * self.t_us:.0f} ms after the start. {note}.<table>{head}{body}</table>"
+
+    def _slowest(self, images: Mapping[str, NDArray]) -> Mapping[str, NDArray]:
+        """Return the surfaces of the first recording at the same settings."""
+        first = next(iter(self.streams))
+        if self.speed.value == first:
+            return images
+        now = tuple(float(control.value) for control in self._settings)
+        if self._slow is None or self._slow[0] != now:
+            self._slow = now, self.images(first)
+        return self._slow[1]
 
     def _draw(self) -> None:
         images = self.images()
@@ -166,11 +186,3 @@ class SurfacePanel(widgets.VBox):
 def _row(kind: str, cells: list[str]) -> str:
     look = "style='padding:2px 10px; text-align:right'"
     return "<tr>" + "".join(f"<{kind} {look}>{cell}</{kind}>" for cell in cells) + "</tr>"
-
-
-def _slider(
-    name: str, low: float, high: float, step: float, value: float, digits: str
-) -> widgets.FloatSlider:
-    return widgets.FloatSlider(
-        min=low, max=high, step=step, value=value, description=name, readout_format=digits
-    )
