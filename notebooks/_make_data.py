@@ -13,7 +13,6 @@ for the names paper, drives and real.
 from __future__ import annotations
 
 import sys
-from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +25,7 @@ from data_tools.samples import Sample, write_sample
 from data_tools.scenes import furnished_room
 from data_tools.sensor import Sensor
 from data_tools.simulator import FORWARD, Simulator, simulate_translation
-from data_tools.studies import load_study
+from data_tools.studies import load_study, short_lines
 from data_tools.trajectory import Trajectory
 from evcalib.camera import Camera
 from evcalib.events import Events
@@ -159,22 +158,7 @@ def make_study_tables(folder: Path) -> None:
     """Shorten the tables of finished studies: a line per group, method and quantity."""
     for name in ("paper", "drives"):
         result = load_study(folder / f"{name}.h5")
-        lines = ["group,method,quantity,trials..."]
-        for group, method in product(result.groups, result.labels("method")):
-            values = {
-                column: result.values(column, group=group, method=method)
-                for column in ("rotation_deg", "offset_error_s", "offset_observable")
-            }
-            rows = {
-                "rotation_deg": values["rotation_deg"],
-                "offset_ms": 1000 * values["offset_error_s"],
-            }
-            if method == "ours":
-                rows["offset_observable"] = values["offset_observable"].astype(float)
-            lines += [
-                ",".join([group, method, quantity, *(f"{value:.3g}" for value in row)])
-                for quantity, row in rows.items()
-            ]
+        lines = short_lines(result, {"offset_observable": ["ours"]})
         _write_lines(f"study_{name}.csv", lines)
     table = load_study(folder / "real.h5").table
     columns = ("group", "method", "rotation_deg", "offset_s", "rotation_sd_deg", "offset_sd_s")

@@ -17,6 +17,13 @@ from data_tools.studies._engine import run
 from data_tools.studies._model import Cell, Study
 from data_tools.studies._report import Cost, describe, measure_cost, write_summary
 from data_tools.studies._result import StudyResult, Summary, load_study
+from data_tools.studies._short import (
+    load_short,
+    median_ratio,
+    medians,
+    scratch_study,
+    short_lines,
+)
 from evcalib import _check
 
 __all__ = [
@@ -27,9 +34,14 @@ __all__ = [
     "StudyResult",
     "Summary",
     "describe",
+    "load_short",
     "load_study",
     "measure_cost",
+    "median_ratio",
+    "medians",
     "run_study",
+    "scratch_study",
+    "short_lines",
     "study",
     "write_summary",
 ]

@@ -91,6 +91,59 @@ def draw_boxes(
         ax.axvline(edge - 0.5, color=style.MUTED, lw=0.4)
 
 
+def draw_rows(
+    figure: Figure,
+    table: Table,
+    rows: Sequence[str],
+    *,
+    labels: Sequence[str],
+    limits: tuple[float, float],
+) -> None:
+    """Draw the rotation errors of several motions, a row for each, as in the paper's Fig. 6.
+
+    Parameters
+    ----------
+    figure : Figure
+        Empty.
+    table : mapping of ndarray, shape (n,)
+        A study's table with ``group``, ``method`` and ``rotation_deg`` [deg].
+    rows : sequence of str
+        Motions; the groups of each are those whose names start with it.
+    labels : sequence of str
+        Methods, in this order.
+    limits : tuple of float
+        Of the error [deg], on a scale of powers of ten.
+    """
+    names = list(dict.fromkeys(table["group"].tolist()))
+    for ax, motion in zip(figure.subplots(len(rows), 1, squeeze=False)[:, 0], rows, strict=True):
+        groups = [name for name in names if name.startswith(motion)]
+        draw_boxes(ax, table, table["rotation_deg"], labels=labels, groups=groups)
+        ax.set_yscale("log")
+        ax.set_yticks([0.1, 1, 10, 100], ["0.1", "1", "10", "100"])
+        ax.set_ylim(*limits)
+        ax.set_ylabel("rotation error [deg]")
+    handles = [Patch(color=colour_of(name, labels), label=name) for name in labels]
+    figure.legend(handles=handles, loc="outside upper center", ncols=5)
+
+
+def draw_cost_of_clock(
+    ax: Axes, expected: Sequence[NDArray[np.float64]], found: Sequence[NDArray[np.float64]]
+) -> None:
+    """Draw errors of the rotation over those that a wrong clock explains, groups in turn.
+
+    Parameters
+    ----------
+    ax : Axes
+        Where to draw.
+    expected, found : sequence of ndarray, shape (n,)
+        By group: errors that the offset explains, and those that there were [deg].
+    """
+    most = max(float(part.max(initial=1.0)) for part in expected)
+    ax.plot([0, most], [0, most], color=style.TRUE, lw=1, label="as explained")
+    for x, y in zip(expected, found, strict=True):
+        ax.plot(x, y, ".", ms=3, color=style.OUTLIER, label="drives" if y is found[0] else None)
+
+
 def study_figure(
     table: Table,
     *,
