@@ -107,10 +107,13 @@ def collected(
     gaps: list[Gap],
     counts: Counts,
     kept: CorrespondenceKeeper | None,
-    rate: EventRate,
-    snapshots: SnapshotKeeper,
+    rate: EventRate | None = None,
+    snapshots: SnapshotKeeper | None = None,
 ) -> HeadingEstimate:
     """Return the result of a whole stream."""
+    snapshot = None
+    if rate is not None and snapshots is not None:
+        snapshot = snapshots.result(float(rate.t[0]), float(rate.t[-1]) + rate.width)
     t, t_start, t_end, sd, inliers, share = (
         np.array([getattr(one, name) for one in found], dtype=np.float64)
         for name in ("t", "t_start", "t_end", "sd", "inliers", "share")
@@ -124,5 +127,5 @@ def collected(
         correspondences=None if kept is None else kept.result(),
         inlier_share=share,
         event_rate=rate,
-        snapshot=snapshots.result(float(rate.t[0]), float(rate.t[-1]) + rate.width),
+        snapshot=snapshot,
     )

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Iterable
 
 import numpy as np
 
 from evcalib import _check
-from evcalib._correspondences import CorrespondenceKeeper, Correspondences
-from evcalib._heading_fit import NOT_NEWER, SOLVERS, TOO_FEW, Fit, FitOptions, fit
-from evcalib._heading_result import Found, Gap, HeadingEstimate, collected
+from evcalib._correspondences import Correspondences
+from evcalib._heading_fit import SOLVERS, FitOptions
+from evcalib._heading_result import Gap, HeadingEstimate, collected
 from evcalib._keyframes import LOCALISATIONS, Counts, Keyframe, KeyframeMaker
 from evcalib._matches import MAX_STEPS, Matches, match_keyframes
 from evcalib._recording import EventRate, RateCounter, Snapshot, SnapshotKeeper
+from evcalib._windows import HeadingWindows
 from evcalib.camera import Camera
 from evcalib.corners import DETECTORS
 from evcalib.errors import InputError
@@ -41,6 +41,15 @@ class HeadingEstimator:
 
     Call `update` with each piece, then `finish`.  What grows with the recording is the result
     alone.
+
+    Parameters
+    ----------
+    camera : Camera
+        Of the sensor that the events come from.
+    surface, detector, localisation, solver
+        As in `estimate_headings`.
+    rate, max_baseline, threshold, min_inliers, max_sd, enough_sd, seed, keep_correspondences
+        As in `estimate_headings`.
     """
 
     def __init__(
@@ -73,7 +82,7 @@ class HeadingEstimator:
                 f"max_baseline must be 1 to {MAX_STEPS - 1} keyframe intervals, not {steps}"
                 f" ({max_baseline} s at {rate} hertz)"
             )
-        self._options = FitOptions(
+        options = FitOptions(
             solver=solver,
             threshold=_check.positive(threshold, "threshold", "pixels") / camera.focal,
             min_inliers=int(_check.positive(min_inliers, "min_inliers")),
@@ -84,27 +93,21 @@ class HeadingEstimator:
         self._maker = KeyframeMaker(camera, detector, surface, rate, seed, localisation)
         self._aligned = LOCALISATIONS[localisation] is not None
         self._reach = REACH * camera.width
-        self._steps = steps
-        self._lag = steps // 2 + 1
-        self._keyframes: deque[Keyframe] = deque(maxlen=2 * self._lag + 1)
-        self._next = 0
-        self._pairs: dict[int, list[Matches]] = {}
-        self._kept = CorrespondenceKeeper() if keep_correspondences else None
-        self._found: list[Found] = []
-        self._gaps: list[Gap] = []
         self._rate = RateCounter()
         self._snapshots = SnapshotKeeper()
+        self._windows = HeadingWindows(
+            options,
+            steps,
+            self._maker.step,
+            self._match,
+            keep=keep_correspondences,
+            on_heading=self._snapshots.offer,
+        )
 
     def update(self, events: Events) -> None:
         """Take in the next events of the stream."""
         for keyframe in self._maker.update(events):
-            if self._keyframes and keyframe.number != self._keyframes[-1].number + 1:
-                self._drain()
-            if not self._keyframes:
-                self._next = keyframe.number
-            self._keyframes.append(keyframe)
-            if keyframe.number - self._next >= self._lag:
-                self._close_window()
+            self._windows.add(keyframe)
         self._rate.update(events)
 
     def finish(self) -> HeadingEstimate:
@@ -124,56 +127,9 @@ class HeadingEstimator:
                 f" span two keyframes ({2 * self._maker.step:.3f} s); raise the rate or record"
                 " longer"
             )
-        self._drain()
-        rate = self._rate.result()
-        return collected(self._found, self._gaps, counts, self._kept, rate, self._snapshots)
-
-    def _drain(self) -> None:
-        """Close the windows that wait for keyframes that will not come."""
-        while self._keyframes and self._next <= self._keyframes[-1].number:
-            self._close_window()
-        self._keyframes.clear()
-        self._pairs.clear()
-
-    def _close_window(self) -> None:
-        """Fit the window around keyframe `_next`: pairs whose middles lie within a step of it."""
-        centre = self._next
-        self._next += 1
-        # Keyframe numbers of a pair add up to twice its middle.
-        middles = range(2 * centre - 2, 2 * centre + 3)
-        known = self._pairs
-        self._pairs = {k: known[k] if k in known else self._matches(k) for k in middles}
-        parts = [pair for k in middles for pair in self._pairs[k]]
-        t = centre * self._maker.step
-        if not parts:
-            self._gaps.append(Gap(t, TOO_FEW))
-            return
-        matches = Matches.pooled(parts)
-        found = fit(matches, self._options)
-        if isinstance(found, Fit) and self._found and found.t <= self._found[-1].t:
-            found = NOT_NEWER
-        if isinstance(found, str):
-            self._gaps.append(Gap(t, found))
-            return
-        if self._kept is not None:
-            # Each pair belongs to the window whose middle is nearest, or just before.
-            own = matches.middle // 2 == centre
-            self._kept.add(matches[own], found.agreeing[own], len(self._found))
-        self._snapshots.offer(self._keyframes, matches, found)
-        self._found.append(Found.of(found))
-
-    def _matches(self, middle: int) -> list[Matches]:
-        """Match all keyframe pairs whose numbers add up to `middle`, within the baselines."""
-        first = self._keyframes[0].number
-        found = []
-        for span in range(1 + (middle + 1) % 2, self._steps + 1, 2):
-            low, high = (middle - span) // 2 - first, (middle + span) // 2 - first
-            if low < 0 or high >= len(self._keyframes):
-                break
-            pair = self._match(self._keyframes[low], self._keyframes[high])
-            if pair is not None:
-                found.append(pair)
-        return found
+        self._windows.drain()
+        found, gaps, kept = self._windows.found, self._windows.gaps, self._windows.kept
+        return collected(found, gaps, counts, kept, self._rate.result(), self._snapshots)
 
     def _match(self, before: Keyframe, after: Keyframe) -> Matches | None:
         """Match two keyframes, unless they share events or the corners left the reach."""

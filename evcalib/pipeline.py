@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import asdict
 from itertools import chain
 from typing import Any
@@ -102,14 +102,20 @@ def calibrate(
             seed=seed,
             keep_correspondences=True,
         )
-    with _stage("alignment", on_stage, timings):
-        aligned = align(estimate.headings, body, max_offset=max_offset, offset=offset, seed=seed)
-    final = aligned
-    if refinement == "tracks":
-        with _stage("refinement", on_stage, timings):
-            final = _refined(aligned, estimate, body, camera, max_offset, systematic, tuple(lever))
+    final = calibrate_estimate(
+        estimate,
+        body,
+        focal=camera.focal,
+        max_offset=max_offset,
+        offset=offset,
+        lever=tuple(lever),
+        refinement=refinement,
+        systematic=systematic,
+        seed=seed,
+        stage=lambda name: _stage(name, on_stage, timings),
+    )
     settings: dict[str, Any] = {
-        **aligned.settings,
+        **final.settings,
         "camera_position": None if camera_position is None else tuple(map(float, lever)),
         "refinement": refinement,
         "systematic": asdict(systematic),
@@ -127,11 +133,53 @@ def calibrate(
     )
 
 
+def calibrate_estimate(
+    estimate: HeadingEstimate,
+    velocities: VelocitySeries,
+    *,
+    focal: float,
+    max_offset: float = 1.0,
+    offset: float | None = None,
+    lever: tuple[float, ...] = (0.0, 0.0, 0.0),
+    refinement: str = "tracks",
+    systematic: Systematic = SYSTEMATIC,
+    seed: int = 0,
+    stage: Callable[[str], AbstractContextManager[None]] = nullcontext,
+) -> Calibration:
+    """Align headings with velocities and refine on their correspondences.
+
+    What `calibrate` does after its headings are there, for correspondences of any other source.
+
+    Parameters
+    ----------
+    estimate : HeadingEstimate
+        With its correspondences, if they are to refine.
+    velocities : VelocitySeries
+        Motion of the body.
+    focal : float
+        Pixels per radian, to speak of pixels.
+    lever : tuple of float
+        Position of the camera in the body frame [m].
+    stage : callable
+        Context in which each stage runs, given its name.
+    max_offset, offset, refinement, systematic, seed
+        See `calibrate`.
+    """
+    with stage("alignment"):
+        aligned = align(
+            estimate.headings, velocities, max_offset=max_offset, offset=offset, seed=seed
+        )
+    if refinement == "none":
+        return aligned
+    with stage("refinement"):
+        return _refined(aligned, estimate, velocities, focal, max_offset, systematic, lever)
+
+
 def _refined(
     aligned: Calibration,
     estimate: HeadingEstimate,
     velocities: VelocitySeries,
-    camera: Camera,
+    focal: float,
     max_offset: float,
     systematic: Systematic,
     lever: tuple[float, ...],
@@ -141,7 +189,7 @@ def _refined(
     tracks = tracks_of(estimate.correspondences)
     track = velocity_track(velocities)
     common: Mapping[str, Any] = {
-        "focal": camera.focal,
+        "focal": focal,
         "max_offset": max_offset,
         "systematic": systematic,
         "lever": lever,
