@@ -7,7 +7,6 @@ the cut are whole.
 
 from __future__ import annotations
 
-import bz2
 import io
 import struct
 from collections import Counter
@@ -16,11 +15,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 
-from evcalib.errors import InputError
+from data_tools._unpack import unpack
 
 _MAGIC = b"#ROSBAG V2.0\n"
 _MESSAGE, _CHUNK, _CONNECTION = 2, 5, 7
-_MAX_RECORD = 1 << 31
 
 
 @dataclass(frozen=True)
@@ -84,16 +82,8 @@ def _contents(path: Path, losses: Counter[str]) -> Iterator[tuple[dict[bytes, by
 def _unpacked(
     header: dict[bytes, bytes], data: bytes
 ) -> Iterator[tuple[dict[bytes, bytes], bytes]]:
-    compression = header.get(b"compression", b"none")
-    if compression == b"bz2":
-        data = bz2.decompress(data)
-    elif compression == b"lz4":
-        from lz4.frame import decompress
-
-        data = decompress(data)
-    elif compression != b"none":
-        raise InputError(f"a chunk is compressed with {compression!r}, which no bag should have")
-    stream = io.BytesIO(data)
+    compression = header.get(b"compression", b"none").decode("ascii", "replace")
+    stream = io.BytesIO(unpack(data, compression))
     while (record := _record(stream)) is not None:
         yield record
 
@@ -122,8 +112,11 @@ def _sized(file: BinaryIO) -> bytes | None:
     if len(head) < 4:
         return None
     (length,) = struct.unpack("<I", head)
-    data = file.read(length) if length < _MAX_RECORD else b""
-    return data if len(data) == length else None
+    place = file.tell()
+    if length > file.seek(0, io.SEEK_END) - place:
+        return None
+    file.seek(place)
+    return file.read(length)
 
 
 def _op(header: dict[bytes, bytes]) -> int:

@@ -14,7 +14,7 @@ Ints = NDArray[np.int64]
 GARBLED, OUTSIDE_X, OUTSIDE_Y, NEGATIVE, TOO_LATE, BACKWARDS, POLARITY, MIXED = range(1, 9)
 
 # Fields of the parser's state, which lives across blocks.  Lines count from 1.
-LINE, LAST, ERROR, AT, MINUS_LINE, ZERO_LINE, STATE_SIZE = range(7)
+LINE, LAST, ERROR, AT, MINUS_LINE, ZERO_LINE, BEGUN, PASSED, STATE_SIZE = range(9)
 
 _POWERS = 10 ** np.arange(19, dtype=np.int64)
 _DIGITS = 18
@@ -31,7 +31,7 @@ def parse_lines(
     `unit` is the power of ten from the file's time unit to microseconds, `limits` are width,
     height, the origin subtracted from times, the largest time [us] and whether times must ascend.
     At an error the line's number, the position of its first byte and the reason are left in
-    `state`.
+    `state`, which also counts the comments below the first event: a 3 with a flipped bit is a #.
     """
     n = 0
     at = 0
@@ -40,8 +40,10 @@ def parse_lines(
         state[AT] = at
         at = _skip_blanks(text, at)
         if _at_end(text, at) or text[at] == _HASH:
+            state[PASSED] += text[at] == _HASH and state[BEGUN]
             at = _next_line(text, at)
             continue
+        state[BEGUN] = 1
         stamp, at = _time(text, at, unit)
         column, at = _count(text, at)
         row, at = _count(text, at)

@@ -9,27 +9,31 @@ from __future__ import annotations
 
 import io
 import struct
+from binascii import crc32
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
 from data_tools._bag_salvage import Connection
+from data_tools._unpack import unpack
 from evcalib.errors import InputError
 
 _MAGIC = b"\x89MCAP0\r\n"
-_SCHEMA, _CHANNEL, _MESSAGE, _CHUNK = 3, 4, 5, 6
+_END, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK = 2, 3, 4, 5, 6
 _MESSAGE_HEAD = 22
 _CHUNK_HEAD = 28
+_FOOTER = 20
 
 Record = tuple[int, bytes]
 
 
 def is_unindexed(path: Path) -> bool:
-    """Tell whether the file lacks the mark at its end."""
+    """Tell whether the file lacks the mark at its end, or the place of an index before it."""
     with path.open("rb") as file:
-        file.seek(max(0, path.stat().st_size - len(_MAGIC)))
-        return file.read() != _MAGIC
+        file.seek(max(0, path.stat().st_size - len(_MAGIC) - _FOOTER))
+        footer, mark = file.read(_FOOTER), file.read()
+        return mark != _MAGIC or not any(footer[:8])
 
 
 def connections(path: Path) -> Iterator[Connection]:
@@ -64,6 +68,8 @@ def _contents(path: Path, losses: Counter[str]) -> Iterator[Record]:
         whole = file.tell()
         while (record := _record(file)) is not None:
             whole = file.tell()
+            if record[0] == _END:
+                return
             if record[0] == _CHUNK:
                 stream = io.BytesIO(_unpacked(record[1]))
                 while (inner := _record(stream)) is not None:
@@ -87,25 +93,12 @@ def _record(file: BinaryIO) -> Record | None:
 
 
 def _unpacked(content: bytes) -> bytes:
+    (size, checksum) = struct.unpack_from("<QI", content, 16)
     compression, place = _string(content, _CHUNK_HEAD)
-    data = content[place + 8 :]
-    if not compression:
-        return data
-    if compression == "lz4":
-        from lz4.frame import decompress
-
-        return bytes(decompress(data))
-    if compression == "zstd":
-        return bytes(_zstd().decompress(data))
-    raise InputError(f"a chunk is compressed with {compression!r}, which is not known")
-
-
-def _zstd() -> Any:
-    try:
-        from compression import zstd  # Python 3.14
-    except ImportError:
-        from backports import zstd
-    return zstd
+    data = unpack(content[place + 8 :], compression or "none", size)
+    if checksum and crc32(data) != checksum:
+        raise InputError("a chunk is damaged: it does not fit its checksum")
+    return data
 
 
 def _schema(content: bytes) -> tuple[int, str, str]:

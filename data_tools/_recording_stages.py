@@ -59,7 +59,10 @@ class Disorder:
 def inside(
     pieces: Iterable[Columns], width: int, height: int, losses: Counter[str]
 ) -> Iterator[Columns]:
-    """Leave out events outside the sensor; refuse where they are too many for damage."""
+    """Leave out events outside the sensor; refuse where they are too many for damage.
+
+    Empty pieces stay out.
+    """
     for piece in pieces:
         fits = (piece.x < width) & (piece.y < height)
         outside = int(fits.size - np.count_nonzero(fits))
@@ -72,7 +75,8 @@ def inside(
                 f" up to x = {piece.x.max()}, y = {piece.y.max()}; is the size right?"
             )
         losses["events outside the sensor"] += outside
-        yield piece.rows(fits)
+        if outside < fits.size:
+            yield piece.rows(fits)
 
 
 def gathered(pieces: Iterable[Columns]) -> Iterator[Columns]:

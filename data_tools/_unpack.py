@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import bz2
-import zlib
 from typing import Any
 
 from evcalib.errors import InputError
@@ -15,6 +14,8 @@ MAX_RATIO = 200
 """Recordings of events pack 3 to 20 times; a file that unpacks to more than this is a bomb."""
 HARMLESS = 1 << 28
 """Sizes [bytes] below this are not compared with that of the packed file."""
+
+_DAMAGE: tuple[type[Exception], ...] = (OSError, EOFError, RuntimeError)
 
 
 def unpack(data: bytes, kind: str, most: int = MOST) -> bytes:
@@ -43,9 +44,7 @@ def unpack(data: bytes, kind: str, most: int = MOST) -> bytes:
         room = min(most, 256 * len(data)) if kind == "lz4" else most
         try:
             unpacked = bytes(stream.decompress(data, room + 1))
-        except InputError:
-            raise
-        except (OSError, EOFError, RuntimeError, ValueError, zlib.error, *_errors(kind)) as error:
+        except (*_DAMAGE, *_errors(kind)) as error:
             raise InputError(f"{kind} data is damaged: {error}") from None
         whole = stream.eof and not stream.unused_data
     if len(unpacked) > most:
@@ -53,6 +52,22 @@ def unpack(data: bytes, kind: str, most: int = MOST) -> bytes:
     if not whole:
         raise InputError(f"{kind} data is damaged or cut off")
     return unpacked
+
+
+def zstd_size(head: bytes) -> int | None:
+    """Return the size [bytes] that the head of a zstd frame declares; None if it is no such head.
+
+    The library stops at this size.
+    """
+    if not head.startswith(b"\x28\xb5\x2f\xfd"):
+        return None
+    try:
+        size = _zstd().get_frame_info(head).decompressed_size
+    except ImportError:
+        return None
+    except _zstd().ZstdError:
+        return None
+    return None if size is None else int(size)
 
 
 def check_ratio(unpacked: int, packed: int) -> None:

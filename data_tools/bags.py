@@ -14,7 +14,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from data_tools import _bag_salvage, _mcap_salvage
+from data_tools import _bag_guard, _bag_salvage, _mcap_salvage
 from evcalib.errors import InputError
 
 MAGIC = {b"#ROSBAG V2.0\n": ".bag", b"\x89MCAP0\r\n": ".mcap", b"SQLite format 3\x00": ".db3"}
@@ -153,28 +153,39 @@ def open_bag(path: str | Path) -> Iterator[Bag]:
         raise InputError('bags need the package rosbags: pip install "evcalib[formats]"') from None
     suffix = _suffix(path)
     salvage = _SALVAGE.get(suffix)
-    if salvage is not None and salvage.is_unindexed(path):
-        with _errors(path):
+    with _errors(path):
+        if salvage is not None and salvage.is_unindexed(path):
             bag = _salvaged(path, salvage, 1 if suffix == ".bag" else 2)
+        else:
+            salvage = None
+            if not suffix:
+                _bag_guard.check_folder(path)
+            reader: Any = Reader1(path) if suffix == ".bag" else Reader2(path)
+            reader.open()
+    if salvage is not None:
         yield bag
         return
-    with _errors(path):
-        reader: Any = Reader1(path) if suffix == ".bag" else Reader2(path)
-        reader.open()
     try:
-        connections = list(reader.connections)
-        definitions = {
-            c.msgtype: c.msgdef.data if c.msgdef.format == MessageDefinitionFormat.MSG else None
-            for c in connections
-        }
+        with _errors(path):
+            _bag_guard.bound_chunks(reader)
+            connections = list(reader.connections)
+            definitions = {
+                c.msgtype: c.msgdef.data if c.msgdef.format == MessageDefinitionFormat.MSG else None
+                for c in connections
+            }
+            topics = _topics(connections)
+        losses: Counter[str] = Counter()
 
         def raw(name: str) -> Iterator[bytes]:
             wanted = [c for c in connections if c.topic == name]
-            return (data for _, _, data in reader.messages(connections=wanted))
+            missing = sum(c.msgcount for c in wanted)
+            for _, _, data in reader.messages(connections=wanted):
+                missing -= 1
+                yield data
+            if missing > 0:
+                losses["messages that the bag counts but does not hold"] = missing
 
-        yield Bag(
-            path, 1 if suffix == ".bag" else 2, _topics(connections), Counter(), raw, definitions
-        )
+        yield Bag(path, 1 if suffix == ".bag" else 2, topics, losses, raw, definitions)
     finally:
         reader.close()
 
@@ -237,12 +248,12 @@ def _errors(path: Path) -> Iterator[None]:
     """Turn whatever `rosbags` says of a damaged bag into an InputError."""
     try:
         yield
-    except InputError:
-        raise
+    except InputError as error:
+        raise InputError(str(error) if str(path) in str(error) else f"{path}: {error}") from None
     except PermissionError as error:
         raise InputError(f"cannot read {path}: {error.strerror or error}") from None
     except Exception as error:  # a damaged file makes the library fail in ways beyond counting
-        why = str(error) or type(error).__name__
+        why = " ".join(str(error).split())[:500] or type(error).__name__
         raise InputError(
             f"{path} is damaged or cut off: {why}; `rosbag reindex` (ROS 1), `mcap recover` or"
             " sqlite3's .recover (ROS 2) may save a part"

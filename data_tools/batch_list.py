@@ -24,12 +24,12 @@ from __future__ import annotations
 import math
 import os
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
+from collections.abc import Mapping as AnyMapping
 from pathlib import Path
 from typing import Any
 
-import yaml
-
+from data_tools.text_files import Mapping, read_yaml
 from evcalib.errors import InputError
 
 Entry = dict[str, Any]
@@ -89,7 +89,7 @@ def read_list(path: str | Path) -> tuple[Entry, ...]:
         If it is not such a list; the message names line and key.
     """
     path = Path(path)
-    content = _load(path)
+    content = read_yaml(path)
     if not isinstance(content, dict) or not isinstance(content.get("recordings"), list):
         raise InputError(f"{path} needs the key recordings with a list of entries")
     unknown = [str(key) for key in content if key not in ("defaults", "recordings")]
@@ -103,7 +103,7 @@ def read_list(path: str | Path) -> tuple[Entry, ...]:
         raise InputError(f"{path}: defaults cannot hold name or recording: they are each entry's")
     entries, lines = [], dict[str, str]()
     for given in content["recordings"]:
-        where = f"{path}, line {given.line}" if isinstance(given, _Mapping) else str(path)
+        where = f"{path}, line {given.line}" if isinstance(given, Mapping) else str(path)
         entry = _complete(_read(given, home, where), defaults, where)
         folded = entry["name"].casefold()
         if folded in lines:
@@ -132,7 +132,7 @@ def _read(given: Any, home: Path, where: str) -> Entry:
     return entry
 
 
-def _complete(entry: Entry, defaults: Mapping[str, Any], where: str) -> Entry:
+def _complete(entry: Entry, defaults: AnyMapping[str, Any], where: str) -> Entry:
     """Return the entry with defaults and a name, its keys in the order of `KEYS`."""
     if "velocities" in entry:
         defaults = {key: value for key, value in defaults.items() if key not in MOTION}
@@ -157,48 +157,3 @@ def _complete(entry: Entry, defaults: Mapping[str, Any], where: str) -> Entry:
                 f"{where}: the recording's name makes no folder; give a `name`"
             ) from None
     return {key: entry[key] for key in KEYS if key in entry}
-
-
-class _Mapping(dict[str, Any]):
-    """A mapping that knows its line."""
-
-    line = 0
-
-
-class _Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[misc]
-    """Safe YAML whose mappings know their lines and repeat no key."""
-
-
-def _construct(loader: Any, node: yaml.MappingNode) -> Any:
-    out = _Mapping()
-    out.line = node.start_mark.line + 1
-    yield out
-    seen = set()
-    for key, _ in node.value:
-        if key.value in seen:
-            raise InputError(f"line {key.start_mark.line + 1}: {key.value} is given twice")
-        seen.add(key.value if isinstance(key, yaml.ScalarNode) else id(key))
-    out.update(loader.construct_mapping(node, deep=True))
-
-
-_Loader.add_constructor("tag:yaml.org,2002:map", _construct)
-
-
-def _load(path: Path) -> Any:
-    try:
-        with open(path, encoding="utf-8-sig") as file:
-            return yaml.load(file, Loader=_Loader)
-    except InputError as error:
-        raise InputError(f"{path}, {error}") from None
-    except OSError as error:
-        raise InputError(f"cannot read {path}: {error.strerror or error}") from None
-    except UnicodeDecodeError:
-        raise InputError(f"{path} is not a text file") from None
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        where = f", line {mark.line + 1}" if mark else ""
-        raise InputError(
-            f"{path}{where} is not YAML: {getattr(error, 'problem', None) or error}"
-        ) from None
-    except (ValueError, LookupError, AttributeError, TypeError, ArithmeticError, RecursionError):
-        raise InputError(f"{path} is not YAML: a value cannot be converted") from None

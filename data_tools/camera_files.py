@@ -5,10 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import yaml
-
+from data_tools.text_files import read_text, read_yaml
 from evcalib.camera import Camera
 from evcalib.errors import InputError
+
+LARGEST_CALIB_TXT = 1 << 16
 
 _MODELS = {"radtan": "radtan", "equidistant": "fisheye", "none": "radtan"}
 
@@ -45,7 +46,7 @@ def read_camera(
 
 def read_calib_txt(path: str | Path, width: int, height: int) -> Camera:
     """Read ``fx fy cx cy k1 k2 p1 p2 [k3]`` on one line (Mueggler et al. 2017)."""
-    words = _text(Path(path)).split()
+    words = read_text(path, LARGEST_CALIB_TXT).split()
     try:
         numbers = [float(word) for word in words]
     except ValueError as error:
@@ -62,10 +63,7 @@ def read_calib_txt(path: str | Path, width: int, height: int) -> Camera:
 
 def read_camchain(path: str | Path, name: str = "cam0") -> Camera:
     """Read one pinhole camera of a Kalibr camchain YAML."""
-    try:
-        chain = yaml.safe_load(_text(Path(path)))
-    except yaml.YAMLError as error:
-        raise InputError(f"{path} is not YAML: {' '.join(str(error).split())}") from None
+    chain = read_yaml(path)
     if not isinstance(chain, dict) or not isinstance(chain.get(name), dict):
         found = ", ".join(map(str, chain)) if isinstance(chain, dict) else "no mapping"
         raise InputError(f"{path} has no camera {name}, but {found}")
@@ -81,15 +79,6 @@ def read_camchain(path: str | Path, name: str = "cam0") -> Camera:
     distortion = [] if model == "none" else _numbers(entry, "distortion_coeffs", path, 4)
     width, height = _numbers(entry, "resolution", path, 2)
     return _camera(path, width, height, focal, distortion, _MODELS[model])
-
-
-def _text(path: Path) -> str:
-    try:
-        return path.read_text()
-    except OSError as error:
-        raise InputError(f"cannot read {path}: {error.strerror or error}") from None
-    except UnicodeDecodeError:
-        raise InputError(f"{path} is not a text file") from None
 
 
 def _entry(entry: dict[str, Any], key: str, path: str | Path) -> Any:

@@ -21,9 +21,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from data_tools.csv_table import Table, read_table
+from data_tools.text_files import read_yaml
 from evcalib import _check
 from evcalib.errors import InputError
 
@@ -174,15 +173,7 @@ def _number(value: Any, name: str) -> float:
 
 
 def _load(path: str | Path) -> Mapping[str, Any]:
-    try:
-        content = yaml.safe_load(Path(path).read_text(encoding="utf-8-sig"))
-    except OSError as error:
-        raise InputError(f"cannot read {path}: {error.strerror or error}") from None
-    except (yaml.YAMLError, ValueError, LookupError, TypeError, AttributeError) as error:
-        why = str(error).splitlines() or [type(error).__name__]
-        raise InputError(f"column map {path} is not YAML: {why[0]}") from None
-    except RecursionError:
-        raise InputError(f"column map {path} is nested too deeply") from None
+    content = read_yaml(path)
     if not isinstance(content, dict):
         raise InputError(f"column map {path} must hold lines like `speed_fl: COLUMN`")
     return content

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Collection
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from data_tools.text_files import check_end
 from evcalib.errors import InputError
 
 
@@ -115,7 +116,7 @@ def _read_cells(path: str | Path) -> tuple[list[str], list[list[str]], list[int]
     rows, lines = [], []
     try:
         with open(path, newline="", encoding="utf-8-sig") as file:
-            reader = csv.reader(file)
+            reader = csv.reader(_noting_end(path, file))
             header = [name.strip() for name in next(reader, [])]
             _check_header(path, header)
             for row in reader:
@@ -133,6 +134,14 @@ def _read_cells(path: str | Path) -> tuple[list[str], list[list[str]], list[int]
     except (UnicodeDecodeError, csv.Error):
         raise InputError(f"{path} is not a CSV text file") from None
     return header, rows, lines
+
+
+def _noting_end(path: str | Path, lines: Iterable[str]) -> Iterator[str]:
+    """Pass lines on; after the last, see that it was whole."""
+    line = ""
+    for line in lines:
+        yield line
+    check_end(path, line)
 
 
 def _check_header(path: str | Path, header: list[str]) -> None:

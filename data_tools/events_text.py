@@ -10,6 +10,7 @@ import gzip
 import io
 import zipfile
 import zlib
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -18,7 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data_tools import _events_text_kernels as kernels
+from data_tools._unpack import check_ratio
 from data_tools.formats import Columns
+from data_tools.zip_files import open_member, opened_zip
 from evcalib import _check
 from evcalib.errors import InputError
 from evcalib.events import MAX_TIME_US, Events
@@ -90,10 +93,12 @@ def read_text_columns(
     block_bytes: int = 1 << 23,
     in_order: bool = True,
     latest_us: int = 1 << 61,
+    losses: Counter[str] | None = None,
 ) -> Iterator[Columns]:
     """Yield what `read_events_text` yields as bare columns, of any time up to `latest_us`.
 
-    Where `in_order` is False, times may step back.
+    Where `in_order` is False, times may step back.  Comments between events are passed over, and
+    counted in `losses`.
     """
     if time_unit is not None:
         _check.one_of(time_unit, "time_unit", tuple(_POWER))
@@ -110,6 +115,9 @@ def read_text_columns(
             if unit is None:
                 unit = _unit_of(text, path)
             columns = _parse(text, path, 0 if unit is None else unit, limits, state)
+            if losses is not None and state[kernels.PASSED]:
+                losses["comments between events"] += int(state[kernels.PASSED])
+                state[kernels.PASSED] = 0
             if columns.t.size:
                 total += columns.t.size
                 yield columns
@@ -136,14 +144,14 @@ def _opened(path: Path, member: str | None) -> Iterator[io.BufferedIOBase]:
                 yield stream
         elif start == b"PK\x03\x04":
             with (
-                zipfile.ZipFile(path) as archive,
-                archive.open(_member(archive, path, member)) as stream,
+                opened_zip(path) as archive,
+                open_member(archive, _member(archive, path, member)) as stream,
             ):
                 yield stream  # type: ignore[misc]
         else:
             with path.open("rb") as stream:
                 yield stream
-    except (EOFError, zlib.error, gzip.BadGzipFile, zipfile.BadZipFile) as error:
+    except (EOFError, zlib.error, gzip.BadGzipFile) as error:
         raise InputError(f"{path} is damaged or cut off: {error}; fetch it again") from None
     except OSError as error:
         raise InputError(f"cannot read {path}: {error.strerror or error}") from None
@@ -167,7 +175,10 @@ def _member(archive: zipfile.ZipFile, path: Path, member: str | None) -> str:
 def _whole_lines(stream: io.BufferedIOBase, path: Path, size: int) -> Iterator[bytes]:
     """Yield blocks of whole lines, each with its newline."""
     rest = b""
+    packed, unpacked = path.stat().st_size, 0
     while block := stream.read(size):
+        unpacked += len(block)
+        check_ratio(unpacked, packed)
         cut = block.rfind(b"\n") + 1
         if not cut:
             rest += block

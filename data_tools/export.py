@@ -12,6 +12,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from data_tools.text_files import LARGEST_YAML, read_text, read_yaml
 from evcalib.errors import InputError
 from evcalib.geometry import matrix_to_quaternion, matrix_to_rpy, quaternion_to_matrix
 from evcalib.geometry import rpy_to_matrix as rpy_matrix
@@ -23,6 +24,8 @@ CONVENTION = (
     "v_body = R_body_cam v_cam, camera X right Y down Z forward, body X forward Y left Z up;"
     " t_body = t_cam + offset_s"
 )
+
+_NEEDED = ("R_body_cam", "offset_s", "offset_observable", "rotation_observable")
 
 FORMATS = ("kalibr", "ros-tf", "urdf")
 
@@ -103,10 +106,10 @@ def read_calibration(path: str | Path) -> StoredCalibration:
     InputError
         If the file cannot be read, lacks a key, or its matrix is no rotation.
     """
-    content = _load_yaml(path)
-    if not isinstance(content, dict) or not {"R_body_cam", "offset_s"} <= content.keys():
-        raise InputError(f"{path} is no calibration: it needs the keys R_body_cam and offset_s")
-    flags = [content.get(name, True) for name in ("offset_observable", "rotation_observable")]
+    content = read_yaml(path)
+    if not isinstance(content, dict) or not content.keys() >= set(_NEEDED):
+        raise InputError(f"{path} is no whole calibration: it needs the keys {', '.join(_NEEDED)}")
+    flags = [content[name] for name in ("offset_observable", "rotation_observable")]
     if not all(isinstance(flag, bool) for flag in flags):
         raise InputError(f"{path}: offset_observable and rotation_observable must be true or false")
     return replace(
@@ -144,7 +147,7 @@ def read_export(path: str | Path, form: str) -> StoredCalibration:
     """Read back what :func:`export` wrote (the offset is 0 where the form cannot hold it)."""
     if form == "urdf":
         return _from_urdf(path)
-    content = _load_yaml(path)
+    content = read_yaml(path)
     try:
         if form == "kalibr":
             camera = content["cam0"]
@@ -201,7 +204,7 @@ def _to_urdf(calibration: StoredCalibration) -> str:
 
 def _from_urdf(path: str | Path) -> StoredCalibration:
 
-    text = _read_text(path)
+    text = read_text(path, LARGEST_YAML)
     found = re.search(r'rpy="([^"]+)"', text)
     offset = re.search(r"t_body = t_cam \+ (\S+) s", text)
     if found is None or offset is None:
@@ -226,23 +229,6 @@ def _stored(matrix: Any, offset: Any, path: str | Path) -> StoredCalibration:
     if not (off < 1e-6 and np.linalg.det(R) > 0 and np.isfinite(shift)):
         raise InputError(f"{path}: R_body_cam must be a 3 x 3 rotation and the offset finite")
     return StoredCalibration(R, shift)
-
-
-def _load_yaml(path: str | Path) -> Any:
-    try:
-        return yaml.safe_load(_read_text(path))
-    except (yaml.YAMLError, ValueError, IndexError) as error:
-        why = str(error).splitlines() or [type(error).__name__]
-        raise InputError(f"{path} is not YAML: {why[0]}") from None
-
-
-def _read_text(path: str | Path) -> str:
-    try:
-        return Path(path).read_text(encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"cannot read {path}: {error.strerror or error}") from None
-    except UnicodeDecodeError:
-        raise InputError(f"{path} is not a text file") from None
 
 
 def summary_text(calibration: Calibration) -> str:

@@ -7,7 +7,6 @@ optionally ``vz`` [m/s] and ``yaw_rate`` [rad/s].
 
 from __future__ import annotations
 
-import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,6 +15,7 @@ from numpy.typing import NDArray
 
 from data_tools.column_maps import Columns, read_mapped
 from data_tools.csv_table import Table, check_times, read_table, write_table
+from data_tools.zip_files import SUFFIX, load_array, opened_zip
 from evcalib.authors import PairedRows
 from evcalib.errors import InputError
 from evcalib.series import HeadingSeries, VelocitySeries
@@ -142,18 +142,16 @@ def read_paired_rows(path: str | Path) -> PairedRows:
     InputError
         If the file is no such archive.
     """
+    with opened_zip(Path(path)) as archive:
+        names = [name.removesuffix(SUFFIX) for name in archive.namelist()]
+        if "best_set" not in names:
+            found = ", ".join(names)[:200] or "nothing"
+            raise InputError(f"{path} holds {found}, not the authors' array best_set")
+        table = load_array(archive, "best_set")
     try:
-        with open(path, "rb") as file, np.load(file, allow_pickle=False) as archive:
-            if "best_set" not in archive.files:
-                found = ", ".join(archive.files) or "nothing"
-                raise InputError(f"{path} holds {found}, not the authors' array best_set")
-            return PairedRows.from_rows(archive["best_set"])
-    except OSError as error:
-        raise InputError(f"cannot read {path}: {error.strerror or error}") from None
-    except (ValueError, TypeError, EOFError, AttributeError, zipfile.BadZipFile) as error:
-        if isinstance(error, InputError):
-            raise
-        raise InputError(f"{path} is not an .npz archive of numbers") from None
+        return PairedRows.from_rows(table)
+    except (ValueError, TypeError) as error:
+        raise InputError(f"{path}: {error}") from None
 
 
 def read_paired_streams(path: str | Path) -> PairedStreams:

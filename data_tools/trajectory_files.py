@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from data_tools.text_files import read_text
 from evcalib.errors import InputError
 from evcalib.poses import PoseSeries
 
@@ -24,17 +25,14 @@ def read_tum(path: str | Path) -> PoseSeries:
         If the file cannot be read, a line does not hold eight finite numbers, or the poses are
         unusable (see :class:`evcalib.poses.PoseSeries`).
     """
-    try:
-        text = Path(path).read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise InputError(f"cannot read {path}: {error.strerror or error}") from None
-    except UnicodeDecodeError:
-        raise InputError(f"{path} is not a text file") from None
-    rows = [
-        _numbers(f"{path} line {number}", line)
-        for number, line in enumerate(text.splitlines(), start=1)
-        if line.strip() and not line.lstrip().startswith("#")
-    ]
+    text = read_text(path)
+    rows: list[list[float]] = []
+    for number, line in enumerate(text.splitlines(), start=1):
+        where, cells = f"{path} line {number}", line.replace(",", " ").split()
+        if rows and line.lstrip().startswith("#") and len(cells) == len(COLUMNS):
+            raise InputError(f"{where}: a comment that looks like a damaged pose; take it out")
+        if cells and not line.lstrip().startswith("#"):
+            rows.append(_numbers(where, cells))
     if not rows:
         raise InputError(f"{path} holds no pose: each line must be {' '.join(COLUMNS)}")
     values = np.array(rows)
@@ -53,8 +51,7 @@ def write_tum(path: str | Path, poses: PoseSeries) -> None:
         file.writelines(" ".join(map(repr, row)) + "\n" for row in rows.tolist())
 
 
-def _numbers(where: str, line: str) -> list[float]:
-    cells = line.replace(",", " ").split()
+def _numbers(where: str, cells: list[str]) -> list[float]:
     if len(cells) != len(COLUMNS):
         raise InputError(
             f"{where} has {len(cells)} values, not the {len(COLUMNS)} of a TUM trajectory"

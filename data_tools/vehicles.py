@@ -28,6 +28,7 @@ from typing import Any
 
 import yaml
 
+from data_tools.text_files import read_yaml
 from evcalib import _check
 from evcalib.errors import InputError
 from evcalib.kinematics import Mecanum, Omni, OmniWheel, Swerve, Vehicle, Wheel
@@ -49,14 +50,12 @@ def read_vehicle(path: str | Path) -> Vehicle:
         unknown or given twice, a value is no number, or the wheels leave a motion unmeasured.
     """
     try:
-        content = _load(Path(path).read_text(encoding="utf-8-sig"))
+        content = read_yaml(path)
+        if not isinstance(content, dict):
+            raise InputError("must hold `key: value` lines, beginning with `type: swerve`")
         return _build(content)
-    except OSError as error:
-        raise InputError(f"cannot read {path}: {error.strerror or error}") from None
-    except UnicodeDecodeError:
-        raise InputError(f"vehicle file {path} is not a text file") from None
     except InputError as error:
-        raise InputError(f"vehicle file {path}: {error}") from None
+        raise InputError(f"vehicle file {path}: {_without(path, error)}") from None
 
 
 def write_vehicle(path: str | Path, vehicle: Vehicle) -> None:
@@ -65,37 +64,8 @@ def write_vehicle(path: str | Path, vehicle: Vehicle) -> None:
     Path(path).write_text(text, encoding="utf-8")
 
 
-def _load(text: str) -> dict[str, Any]:
-    """Return the mapping in a YAML text without aliases and without repeated keys."""
-    try:
-        if any(isinstance(event, yaml.AliasEvent) for event in yaml.parse(text, yaml.SafeLoader)):
-            raise InputError("aliases (*name) are not supported")
-        _refuse_repeats(yaml.compose(text, yaml.SafeLoader))
-        content = yaml.safe_load(text)
-    except InputError:
-        raise
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        where = f" (line {mark.line + 1})" if mark else ""
-        raise InputError(f"not valid YAML{where}: {getattr(error, 'problem', error)}") from None
-    except (ValueError, LookupError, AttributeError, TypeError, ArithmeticError, RecursionError):
-        # what PyYAML lets through for scalars like "!!bool maybe" and for very deep nesting
-        raise InputError("not valid YAML: a value cannot be converted") from None
-    if not isinstance(content, dict):
-        raise InputError("must hold `key: value` lines, beginning with `type: swerve`")
-    return content
-
-
-def _refuse_repeats(node: yaml.Node | None) -> None:
-    if not isinstance(node, yaml.MappingNode):
-        return
-    seen = set()
-    for key, value in node.value:
-        if key.value in seen:
-            line = key.start_mark.line + 1
-            raise InputError(f"{key.value} is given twice (line {line})")
-        seen.add(key.value if isinstance(key, yaml.ScalarNode) else id(key))
-        _refuse_repeats(value)
+def _without(path: str | Path, error: InputError) -> str:
+    return str(error).removeprefix(f"{path}: ")
 
 
 def _build(content: dict[str, Any]) -> Vehicle:

@@ -157,7 +157,7 @@ def test_calib_txt_of_the_slider(data):
 )
 def test_bad_calib_txt(tmp_path, text, message):
     path = tmp_path / "calib.txt"
-    path.write_text(text)
+    path.write_text(text + "\n")
     with pytest.raises(InputError, match=message):
         read_calib_txt(path, 240, 180)
 

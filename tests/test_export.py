@@ -61,14 +61,18 @@ def test_every_file_states_its_direction_and_the_missing_translation(form):
     assert "t_body = t_cam +" in text
 
 
+REST = "\noffset_s: 0\noffset_observable: true\nrotation_observable: true\n"
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
         ("[1, 2]", "needs the keys"),
-        ("R_body_cam: [[1, 0, 0], [0, 1, 0], [0, 0, -1]]\noffset_s: 0", "must be a 3 x 3 rotation"),
-        ("R_body_cam: [[2, 0, 0], [0, 1, 0], [0, 0, 1]]\noffset_s: 0", "must be a 3 x 3 rotation"),
-        ("R_body_cam: [[1, 0], [0, 1]]\noffset_s: 0", "must be a 3 x 3 rotation"),
-        ("R_body_cam: text\noffset_s: 0", "must be numbers"),
+        ("R_body_cam: [[1, 0, 0], [0, 1, 0], [0, 0, -1]]" + REST, "must be a 3 x 3 rotation"),
+        ("R_body_cam: [[2, 0, 0], [0, 1, 0], [0, 0, 1]]" + REST, "must be a 3 x 3 rotation"),
+        ("R_body_cam: [[1, 0], [0, 1]]" + REST, "must be a 3 x 3 rotation"),
+        ("R_body_cam: text" + REST, "must be numbers"),
+        ("R_body_cam: [[1, 0, 0], [0, 1, 0], [0, 0, 1]]\noffset_s: 0\n", "no whole calibration"),
         ("a: [", "is not YAML"),
     ],
 )

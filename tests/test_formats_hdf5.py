@@ -129,7 +129,7 @@ def test_columns_in_any_chunks_are_read_exactly(tmp_path_factory, data):
         ({"y": np.array([0, -1, 2, 3])}, "event 1 has y = -1, no pixel"),
         ({"p": np.array([0, 1, 2, 1])}, "event 2 has polarity 2; it must be 0 or 1"),
         ({"p": np.array([0, 1, -1, 1])}, "polarities mix codings, -1 and 0"),
-        ({"x": np.array([b"a", b"b", b"c", b"d"])}, "column x must hold numbers"),
+        ({"x": np.array([b"a", b"b", b"c", b"d"])}, "x must hold numbers"),
         ({"t": np.array([1, 2, 3, 1 << 63], np.uint64)}, "event 3 has t = 9223372036854775808 us"),
         ({"t": np.array([1, 5, 4, 6])}, "times are out of order: event 2"),
         ({"x": np.array([0, 1, 2, 640])}, None),

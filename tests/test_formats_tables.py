@@ -108,7 +108,7 @@ def test_damaged_archives_are_refused_or_read(npz):
     ("text", "options"),
     [
         ("x,y,t,p\n0,479,10,1\n639,0,10,0\n5,7,3000000,1\n", {"time_unit": "us"}),
-        ("p;t;y;x\n1;0.000010;479;0\n-1;0.000010;0;639\n1;3.0;7;5", {}),
+        ("p;t;y;x\n1;0.000010;479;0\n-1;0.000010;0;639\n1;3.0;7;5\n", {}),
         ("# a comment\n\nid\tts\tx\ty\tpol\na\t.01\t0\t479\t1\nb\t0.01\t639\t0\t0\n"
          "c\t3e3\t5\t7\t1\n", {"time_unit": "ms"}),
         ('"X","Y","Timestamp","On"\n0,479,10000,1\n# no event\n639,0,10000,0\n5,7,3000000000,1\n',

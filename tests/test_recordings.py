@@ -324,7 +324,7 @@ def test_a_camera_and_a_recording_of_unlike_sensors_are_refused(write):
 
 
 def test_a_recording_tells_the_size_that_a_calib_txt_lacks(write):
-    calib = write("200 200 320 240", "calib.txt")
+    calib = write("200 200 320 240\n", "calib.txt")
     _, camera = open_with_camera(write(dat(at_times(1))), calib)
     assert (camera.width, camera.height) == (640, 480)
     with pytest.raises(InputError, match="does not tell the sensor size"):

@@ -118,12 +118,12 @@ def test_other_archives_are_refused(tmp_path):
 
 def test_an_archive_with_a_pickle_is_never_loaded(tmp_path):
     np.savez(tmp_path / "p.npz", best_set=np.array([{"a": 1}], dtype=object))
-    with pytest.raises(InputError, match=r"not an \.npz archive of numbers"):
+    with pytest.raises(InputError, match="holds Python objects"):
         read_paired_rows(tmp_path / "p.npz")
 
 
 @pytest.mark.parametrize("content", [b"", b"PK\x03\x04garbage", b"text"])
 def test_files_that_are_no_archive_are_refused(tmp_path, content):
     (tmp_path / "p.npz").write_bytes(content)
-    with pytest.raises(InputError, match=r"not an \.npz archive"):
+    with pytest.raises(InputError, match="is damaged or cut off: File is not a zip"):
         read_paired_rows(tmp_path / "p.npz")

@@ -33,7 +33,7 @@ MECANUM = "type: mecanum\nwheelbase: 0.5\ntrack: 0.4\n"
 def read(tmp_path):
     def from_text(text):
         path = tmp_path / "vehicle.yaml"
-        path.write_bytes(text if isinstance(text, bytes) else text.encode())
+        path.write_bytes(text if isinstance(text, bytes) else text.encode() + b"\n")
         return read_vehicle(path)
 
     return from_text
@@ -118,13 +118,13 @@ def test_omni_file_written_is_read_as_the_same_vehicle(tmp_path):
         (OMNI.replace("drive_deg: 90", "drive: 90"), "wheel a needs drive_deg, but has drive"),
         ("type: mecanum\nwheelbase: 1", "a mecanum vehicle needs track"),
         ("type: mecanum\nwheelbase: 1\ntrack: -1", "track must be a positive number of m"),
-        ("type: swerve\nwheels: {fl: {x: 1, y", "not valid YAML (line 2)"),
-        ("type: mecanum\n\twheelbase: 1", "not valid YAML (line 2)"),
+        ("type: swerve\nwheels: {fl: {x: 1, y", "is not YAML (line 3)"),
+        ("type: mecanum\n\twheelbase: 1", "is not YAML (line 2)"),
         ("type: &a swerve\nwheels: *a", "aliases (*name) are not supported"),
         ("a: &a {b: *a}", "aliases (*name) are not supported"),
-        ("type: !!bool maybe", "not valid YAML"),
-        ("type: 2001-99-99", "not valid YAML"),
-        ("type: !!python/object/apply:os.system [ls]", "not valid YAML (line 1)"),
+        ("type: !!bool maybe", "is not YAML"),
+        ("type: 2001-99-99", "is not YAML"),
+        ("type: !!python/object/apply:os.system [ls]", "is not YAML (line 1)"),
         (b"\xff\xfe\x00type", "is not a text file"),
     ],
 )
@@ -173,5 +173,5 @@ def test_any_text_is_a_vehicle_or_a_clear_refusal(tmp_path_factory, text):
 
 
 def test_very_deep_nesting_is_refused(read):
-    with pytest.raises(InputError, match="not valid YAML"):
+    with pytest.raises(InputError, match="is not YAML"):
         read("[" * 1000)

@@ -39,7 +39,7 @@ def write_foreign(path, t=T, states=STATES):
     lines = ["stamp,mode,front rate,rear,front angle,rear angle"]
     for row in zip(*columns, strict=True):
         lines.append(f"{float(row[0])!r},auto," + ",".join(repr(float(x)) for x in row[1:]))
-    path.write_text("\n".join(lines))
+    path.write_text("\n".join(lines) + "\n")
     return path
 
 
@@ -81,7 +81,7 @@ def test_one_radius_serves_all_wheels(csv):
 def test_velocities_in_any_unit_of_time(csv, unit):
     factor = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}[unit]
     rows = [f"{t * factor!r},{v[0]},{v[1]}" for t, v in zip(T.tolist(), V, strict=True)]
-    csv.write_text("t,vx,vy\n" + "\n".join(rows))
+    csv.write_text("t,vx,vy\n" + "\n".join(rows) + "\n")
     source = read_body_velocities(csv, time_unit=unit)
     np.testing.assert_allclose(source.velocities.t, T, atol=1e-9)
     np.testing.assert_array_equal(source.velocities.v, V)
@@ -93,7 +93,7 @@ def test_mapped_velocities_and_the_yaw_limit(csv):
         f"{t},{v[0] * 1e3},{v[1] * 1e3},{np.degrees(w)},x"
         for t, v, w in zip(T, V, YAW, strict=True)
     ]
-    csv.write_text("when,east,north,turn,word\n" + "\n".join(rows))
+    csv.write_text("when,east,north,turn,word\n" + "\n".join(rows) + "\n")
     columns = {
         "t": "when",
         "vx": {"column": "east", "unit": "mm/s"},

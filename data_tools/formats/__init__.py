@@ -23,6 +23,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from evcalib._event_columns import side
 from evcalib.errors import InputError
 
 MODULES = ("text", "csv", "npz", "hdf5", "prophesee_raw", "prophesee_dat", "aedat4", "rosbag")
@@ -82,7 +83,10 @@ class Options:
             )
         size = declared or self.size
         assert size is not None
-        return size
+        try:
+            return side(size[0], "width"), side(size[1], "height")
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from None
 
 
 @dataclass(frozen=True)

@@ -25,8 +25,12 @@ LARGEST_PACKET = 1 << 28
 
 _COMPRESSION = {0: "none", 1: "lz4", 2: "lz4", 3: "zstd", 4: "zstd"}
 _EVENT = np.dtype(
-    {"names": ["t", "x", "y", "on"], "formats": ["<i8", "<u2", "<u2", "u1"], "itemsize": 16}
-    | {"offsets": [0, 8, 10, 12]}
+    {
+        "names": ["t", "x", "y", "on"],
+        "formats": ["<i8", "<u2", "<u2", "u1"],
+        "offsets": [0, 8, 10, 12],
+        "itemsize": 16,
+    }
 )
 
 

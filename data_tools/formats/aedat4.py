@@ -74,7 +74,7 @@ def _packets(path: Path, layout: Layout, stream: int) -> Iterator[NDArray[np.voi
                 packed = file.read(packet.size)
                 try:
                     events = read_events(unpack(packed, layout.compression, LARGEST_PACKET))
-                    _check(events, layout.told and layout.told[place])
+                    _check(events, layout.told[place] if layout.told else None)
                 except InputError as error:
                     raise InputError(f"{path} is damaged in packet {place}: {error}") from None
                 yield events

@@ -20,6 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
+from data_tools._unpack import check_ratio
 from data_tools.formats import Columns, Options, Source
 from data_tools.formats._columns import Converter, find_columns
 from evcalib.errors import InputError
@@ -30,6 +31,7 @@ MARK = "# evcalib-events"
 """How the comment begins that `data_tools.convert` writes."""
 
 _BLOCK = 1 << 23
+_LINE = 1 << 16
 _SOMETHING = re.compile(rb"^[ \t]*[^#\s]", re.MULTILINE)
 _GZIP = b"\x1f\x8b"
 
@@ -68,9 +70,11 @@ def open(path: Path, options: Options) -> Source:
             f"{path}: the header must name each of x, y, t, p once, not {', '.join(head.names)}"
         )
     declared = [head.declared.get(name, "") for name in ("width", "height")]
-    known = (int(declared[0]), int(declared[1])) if all(map(str.isdigit, declared)) else None
-    size = options.sensor(path, known)
+    whole = all(re.fullmatch(r"[0-9]{1,6}", side) for side in declared)
+    size = options.sensor(path, (int(declared[0]), int(declared[1])) if whole else None)
     unit = options.time_unit or head.declared.get("time_unit")
+    if unit not in (None, "s", "ms", "us", "ns"):
+        raise InputError(f"{path}: its time_unit is {unit[:20]!r}; say time_unit='us' or another")
     if unit is None and head.fractional:
         unit = "s"
     places = [head.names.index(fields[key]) for key in "xytp"]
@@ -81,6 +85,11 @@ def open(path: Path, options: Options) -> Source:
         dtype = np.dtype(list(zip("xytp", kinds, strict=True)))
         with _opened(path) as stream:
             for line, block in _blocks(stream, head.lines, path):
+                if not block.endswith(b"\n"):
+                    block = _without_cut(block, places, head, losses)
+                comments = block.count(b"\n#") + block.startswith(b"#")
+                if comments:
+                    losses["comments between events"] += comments
                 rows = _parse(block, line, places, head, dtype, path)
                 yield convert(*(rows[key] for key in "xytp"))
 
@@ -102,7 +111,7 @@ def _opened(path: Path) -> Iterator[io.BufferedIOBase]:
 
 def _read_head(path: Path) -> _Head:
     with _opened(path) as stream:
-        lines = [stream.readline(1 << 16).decode("utf-8-sig", "replace") for _ in range(64)]
+        lines = [stream.readline(_LINE).decode("utf-8-sig", "replace") for _ in range(64)]
     found = _named(lines)
     if found is None:
         raise InputError(f"{path} has no header that names the columns x, y, t, p")
@@ -136,9 +145,12 @@ def _is_data(line: str) -> bool:
 def _blocks(stream: io.BufferedIOBase, skip: int, path: Path) -> Iterator[tuple[int, bytes]]:
     """Yield blocks of whole lines, each with the number of the lines before it."""
     for _ in range(skip):
-        stream.readline()
+        stream.readline(_LINE)
     line, rest = skip, b""
+    packed, unpacked = path.stat().st_size, 0
     while block := stream.read(_BLOCK):
+        unpacked += len(block)
+        check_ratio(unpacked, packed)
         cut = block.rfind(b"\n") + 1
         if not cut and len(rest) + len(block) > 2 * _BLOCK:
             raise InputError(f"{path} has a line of over {_BLOCK} bytes: not a table of events")
@@ -148,6 +160,21 @@ def _blocks(stream: io.BufferedIOBase, skip: int, path: Path) -> Iterator[tuple[
             line += whole.count(b"\n")
     if rest:
         yield line, rest
+
+
+def _without_cut(block: bytes, places: list[int], head: _Head, losses: Counter[str]) -> bytes:
+    """Take out the last line, which has no end, if the value it ends in may have lost digits.
+
+    A polarity cannot: it has one.
+    """
+    whole, _, last = block.rpartition(b"\n")
+    cells = last.decode("utf-8", "replace").split(head.delimiter)
+    needed, end = max(places), len(cells) - 1
+    sure = end > needed or (end == places[3] == needed and cells[end].strip() in ("0", "1", "-1"))
+    if sure or not last.strip() or last.startswith(b"#"):
+        return block
+    losses["bytes of a cut-off last line"] += len(last)
+    return whole + b"\n" if whole else b""
 
 
 def _parse(

@@ -20,6 +20,7 @@ from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from math import prod
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from data_tools._unpack import check_ratio
 from data_tools.formats import Columns, Options, Size, Source
 from data_tools.formats._columns import Converter, find_columns
 from evcalib.errors import InputError
@@ -37,12 +39,22 @@ SIGNATURE = b"\x89HDF\r\n\x1a\n"
 LAYOUT = "evcalib-events"
 VERSION = 1
 
-MAX_RATIO = 1032
-"""Deflate packs no better; more than this times the file's size is no recording."""
-HARMLESS = 1 << 30
-"""Declared sizes [bytes] below this are not compared with the size of the file."""
-MAX_CHUNK = 1 << 29
+MAX_CHUNK = 1 << 28
 """A chunk [bytes] is unpacked as a whole, so larger ones are refused."""
+MAX_CHUNK_ROWS = 1 << 25
+MAX_ROW = 1024
+"""Bytes of a row at most."""
+
+_DAMAGE = (
+    OSError,
+    RuntimeError,
+    ValueError,
+    TypeError,
+    LookupError,
+    ArithmeticError,
+    AttributeError,
+    NotImplementedError,
+)
 
 _TOLD = ("width", "height", "geometry", "time_unit", "version", "origin_us", "count")
 _ROWS = 1 << 19
@@ -72,8 +84,11 @@ def open(path: Path, options: Options) -> Source:
         rows = _rows(columns, stream)
         if stream.format == "evcalib" and _integer(attributes.get("count", rows)) != rows:
             raise InputError(f"{path} holds {rows} events, but says {attributes['count']}")
+        _check_kinds(columns)
         _check_sizes(path, columns)
         _check_filters(columns)
+        for column in columns:
+            _check_stored(column)
         size = options.sensor(path, _declared_size(attributes))
         shift = _shift(file, stream, attributes)
         unit = _unit(attributes, options, stream)
@@ -99,8 +114,9 @@ def _file(path: Path) -> Iterator[h5py.File]:
             yield file
     except InputError as error:
         raise InputError(str(error) if str(path) in str(error) else f"{path}: {error}") from None
-    except (OSError, RuntimeError, KeyError, ValueError, TypeError) as error:
-        raise InputError(f"{path} is damaged or cut off, says HDF5: {error}") from None
+    except _DAMAGE as error:
+        why = " ".join(str(error).split())[:500]
+        raise InputError(f"{path} is damaged or cut off, says HDF5: {why}") from None
 
 
 def _streams(file: h5py.File) -> list[_Stream]:
@@ -123,12 +139,18 @@ def _streams(file: h5py.File) -> list[_Stream]:
 
 
 def _grouped(name: str, group: h5py.Group) -> _Stream | None:
-    names = [key for key in group if isinstance(group.get(key), h5py.Dataset)]
+    names = [key for key in group if _is_column(group, key)]
     fields = find_columns(names)
     if fields is None:
         return None
     own = _text(group.attrs.get("format", "")) == LAYOUT
     return _Stream("evcalib" if own else "dsec", name, fields)
+
+
+def _is_column(group: h5py.Group, key: str) -> bool:
+    """Tell whether a link is to a dataset of this file; those to other files are not followed."""
+    link = group.get(key, getlink=True)
+    return not isinstance(link, h5py.ExternalLink) and isinstance(group.get(key), h5py.Dataset)
 
 
 def _rows_of(name: str, dataset: h5py.Dataset) -> _Stream | None:
@@ -202,17 +224,59 @@ def _step(columns: list[h5py.Dataset]) -> int:
 
 def _check_sizes(path: Path, columns: list[h5py.Dataset]) -> None:
     for column in columns:
-        chunk = int(np.prod(column.chunks)) * column.dtype.itemsize if column.chunks else 0
-        if chunk > MAX_CHUNK:
+        chunk = prod(column.chunks) * column.dtype.itemsize if column.chunks else 0
+        if chunk > MAX_CHUNK or (column.chunks and column.chunks[0] > MAX_CHUNK_ROWS):
             raise InputError(
                 f"{path}: {column.name} is in chunks of {chunk} bytes, each unpacked as a whole;"
                 " write it in smaller ones: h5repack -l CHUNK=100000"
             )
     declared, held = sum(column.nbytes for column in columns), path.stat().st_size
-    if declared > HARMLESS and declared > MAX_RATIO * held:
+    try:
+        check_ratio(declared, held)
+    except InputError:
         raise InputError(
             f"{path} declares {declared} bytes of events, but the whole file has {held}: it is"
             " damaged or made to fill the memory; write it again (h5repack) if it is sound"
+        ) from None
+
+
+def _check_kinds(columns: list[h5py.Dataset]) -> None:
+    """Refuse what are no plain numbers in this file: texts, references, views of other files."""
+    for column in columns:
+        dtype = column.dtype
+        kinds = [dtype[name] for name in dtype.names] if dtype.names else [dtype]
+        if dtype.itemsize > MAX_ROW or any(kind.kind not in "biuf" for kind in kinds):
+            raise InputError(f"{column.name} must hold numbers, not {str(dtype)[:100]}")
+        if column.is_virtual or column.external:
+            raise InputError(f"{column.name} is stored in other files; copy it into one: h5repack")
+
+
+def _check_stored(column: h5py.Dataset) -> None:
+    """See that all values are in the file: HDF5 reads zeros where they are not.
+
+    A stored chunk that is larger than its content is refused: it could unpack to any size.
+    """
+    if not column.chunks or not column.size:
+        if column.id.get_storage_size() != column.nbytes:
+            raise InputError(f"{column.name} lacks values: the file is damaged")
+        return
+    steps = [range(0, n, c) for n, c in zip(column.shape, column.chunks, strict=True)]
+    expected = prod(map(len, steps))
+    largest = prod(column.chunks) * column.dtype.itemsize * 9 // 8 + 4096
+    found: set[tuple[int, ...]] = set()
+
+    def see(chunk: Any) -> None:
+        at = tuple(chunk.chunk_offset)
+        if chunk.size <= largest and all(k in step for k, step in zip(at, steps, strict=True)):
+            found.add(at)
+
+    if hasattr(column.id, "chunk_iter"):
+        column.id.chunk_iter(see)
+    count = len(found) if hasattr(column.id, "chunk_iter") else column.id.get_num_chunks()
+    if count != expected:
+        raise InputError(
+            f"{column.name} lacks values: of its {expected} chunks {count} are sound; the file is"
+            " damaged, or was not closed after writing"
         )
 
 

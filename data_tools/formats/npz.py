@@ -8,48 +8,49 @@ Python objects, which could run code, are refused.
 
 from __future__ import annotations
 
-import struct
 import zipfile
-import zlib
 from collections import Counter
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from data_tools.formats import Columns, Options, Size, Source
 from data_tools.formats._columns import Converter, find_columns
+from data_tools.zip_files import (
+    SUFFIX,
+    array_head,
+    array_header,
+    member_names,
+    open_member,
+    opened_zip,
+)
 from evcalib.errors import InputError
 
 NAMES = ("npz",)
 
 _ROWS = 1 << 19
-_SUFFIX = ".npy"
 
 
 def matches(path: Path, head: bytes) -> bool:
     """Tell whether the file is a zip of arrays, the four columns among them."""
     if not head.startswith(b"PK\x03\x04"):
         return False
-    try:
-        with zipfile.ZipFile(path) as archive:
-            return find_columns(_arrays(archive)) is not None
-    except (OSError, zipfile.BadZipFile):
-        return False
+    return find_columns(_arrays(member_names(path))) is not None
 
 
 def open(path: Path, options: Options) -> Source:
     """Open an archive and check the headers of its arrays."""
-    with _archive(path) as archive:
-        fields = find_columns(_arrays(archive))
+    with opened_zip(path) as archive:
+        names = _arrays(archive.namelist())
+        fields = find_columns(names)
         if fields is None:
-            there = ", ".join(_arrays(archive)) or "none"
+            there = ", ".join(names) or "none"
             raise InputError(f"{path} needs the arrays x, y, t, p, and has {there}")
-        heads = {key: _head_of(archive, name) for key, name in fields.items()}
-        lengths = {key: shape for key, (shape, _) in heads.items()}
+        lengths = {key: array_head(archive, name).shape for key, name in fields.items()}
         if len(set(lengths.values())) > 1 or any(len(shape) != 1 for shape in lengths.values()):
             raise InputError(f"{path}: the columns must be of one length, not {lengths}")
         size = options.sensor(path, _declared_size(archive))
@@ -59,32 +60,19 @@ def open(path: Path, options: Options) -> Source:
 
     def pieces(losses: Counter[str]) -> Iterator[Columns]:
         convert = Converter(unit or "us", unit)
-        with _archive(path) as archive, ExitStack() as stack:
+        with opened_zip(path) as archive, ExitStack() as stack:
             streams = {key: _Array(stack, archive, name) for key, name in fields.items()}
             left = lengths["t"][0]
             while left:
                 count = min(left, _ROWS)
-                yield convert(*(streams[key].read(count) for key in "xytp"))
                 left -= count
+                yield convert(*(streams[key].read(count, last=not left) for key in "xytp"))
 
     return Source("npz", *size, pieces)
 
 
-@contextmanager
-def _archive(path: Path) -> Iterator[zipfile.ZipFile]:
-    try:
-        with zipfile.ZipFile(path) as archive:
-            yield archive
-    except InputError as error:
-        raise InputError(str(error) if str(path) in str(error) else f"{path}: {error}") from None
-    except OSError as error:
-        raise InputError(f"cannot read {path}: {error.strerror or error}") from None
-    except (EOFError, zlib.error, zipfile.BadZipFile, NotImplementedError, RuntimeError) as error:
-        raise InputError(f"{path} is damaged or cut off: {error}; fetch it again") from None
-
-
-def _arrays(archive: zipfile.ZipFile) -> list[str]:
-    return [name.removesuffix(_SUFFIX) for name in archive.namelist() if name.endswith(_SUFFIX)]
+def _arrays(members: list[str]) -> list[str]:
+    return [name.removesuffix(SUFFIX) for name in members if name.endswith(SUFFIX)]
 
 
 class _Array:
@@ -92,55 +80,33 @@ class _Array:
 
     def __init__(self, stack: ExitStack, archive: zipfile.ZipFile, name: str) -> None:
         self._name = name
-        self._stream = stack.enter_context(archive.open(name + _SUFFIX))
-        _, self._dtype = _header(self._stream, name)
+        self._stream = stack.enter_context(open_member(archive, name + SUFFIX))
+        self._dtype = array_header(self._stream, name).dtype
 
-    def read(self, count: int) -> NDArray[Any]:
-        """Return the next values."""
+    def read(self, count: int, *, last: bool) -> NDArray[Any]:
+        """Return the next values; after the last, the archive's checksum is compared."""
         data = self._stream.read(count * self._dtype.itemsize)
         if len(data) < count * self._dtype.itemsize:
             raise InputError(f"the array {self._name} ends before its declared length")
+        if last and self._stream.read(1):
+            raise InputError(f"the array {self._name} goes on after its declared length")
         return np.frombuffer(data, dtype=self._dtype)
-
-
-def _head_of(archive: zipfile.ZipFile, name: str) -> tuple[tuple[int, ...], np.dtype]:
-    """Return shape and type of an array whose data is really there."""
-    with archive.open(name + _SUFFIX) as stream:
-        shape, dtype = _header(stream, name)
-        held = archive.getinfo(name + _SUFFIX).file_size - stream.tell()
-    if int(np.prod(shape, dtype=object)) * dtype.itemsize > held:
-        raise InputError(f"the array {name} declares {shape} values, but has {held} bytes")
-    return shape, dtype
-
-
-def _header(stream: IO[bytes], name: str) -> tuple[tuple[int, ...], np.dtype]:
-    try:
-        version = np.lib.format.read_magic(stream)
-        read = {
-            (1, 0): np.lib.format.read_array_header_1_0,
-            (2, 0): np.lib.format.read_array_header_2_0,
-        }[version]
-        shape, _, dtype = read(stream)
-    except (ValueError, KeyError, struct.error, SyntaxError, TypeError) as error:
-        raise InputError(f"the array {name} has no usable header: {error}") from None
-    if dtype.hasobject:
-        raise InputError(
-            f"the array {name} holds Python objects, which could run code when read; save it again"
-            " as numbers: array.astype(numpy.int64)"
-        )
-    return shape, dtype
 
 
 def _value(archive: zipfile.ZipFile, name: str) -> Any:
     """Return the single value of a small array, or None."""
-    if name not in _arrays(archive):
+    if name not in _arrays(archive.namelist()):
         return None
-    shape, dtype = _head_of(archive, name)
-    if int(np.prod(shape, dtype=object)) != 1 or dtype.itemsize > 256:
-        raise InputError(f"the array {name} must hold one value, not {shape}")
-    with archive.open(name + _SUFFIX) as stream:
-        _header(stream, name)
-        return np.frombuffer(stream.read(dtype.itemsize), dtype=dtype)[0].item()
+    head = array_head(archive, name)
+    dtype = head.dtype
+    if head.size != 1 or dtype.itemsize > 256:
+        raise InputError(f"the array {name} must hold one value, not {head.shape}")
+    with open_member(archive, name + SUFFIX) as stream:
+        array_header(stream, name)
+        value = np.frombuffer(stream.read(dtype.itemsize), dtype=dtype)[0].item()
+        if stream.read(1):
+            raise InputError(f"the array {name} goes on after its declared length")
+        return value
 
 
 def _declared_size(archive: zipfile.ZipFile) -> Size | None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import zipfile
 import zlib
 from collections import Counter
 from collections.abc import Iterator
@@ -11,6 +10,7 @@ from pathlib import Path
 
 from data_tools.events_text import read_text_columns
 from data_tools.formats import Columns, Options, Source
+from data_tools.zip_files import member_names
 
 NAMES = ("text",)
 
@@ -23,7 +23,7 @@ def matches(path: Path, head: bytes) -> bool:
     if head[:2] == b"\x1f\x8b":
         return _is_text(_inflated(head))
     if head[:4] == b"PK\x03\x04":
-        return any(name.rsplit("/", 1)[-1] == "events.txt" for name in _names(path))
+        return any(name.rsplit("/", 1)[-1] == "events.txt" for name in member_names(path))
     return _is_text(head)
 
 
@@ -39,6 +39,7 @@ def open(path: Path, options: Options) -> Source:
             time_unit=options.time_unit,
             member=options.stream,
             in_order=options.disorder == "refuse",
+            losses=losses,
         )
 
     return Source("text", width, height, pieces)
@@ -58,11 +59,3 @@ def _inflated(head: bytes) -> bytes:
         return zlib.decompressobj(wbits=31).decompress(head, 1 << 16)
     except zlib.error:
         return b""
-
-
-def _names(path: Path) -> list[str]:
-    try:
-        with zipfile.ZipFile(path) as archive:
-            return archive.namelist()
-    except (OSError, zipfile.BadZipFile):
-        return []

@@ -17,6 +17,7 @@ import csv
 import mmap
 import os
 import resource
+import shutil
 import subprocess
 import sys
 import time
@@ -102,9 +103,12 @@ def run_once(reader: str, home: Path, given: argparse.Namespace, seconds: int, s
     command = [sys.executable, __file__, reader, "--child", str(home), "--seconds", str(seconds)]
     command += ["--seed", str(seed)] + ["--python-kernels"] * given.python_kernels
     with open(home / "log", "wb") as log:
-        subprocess.run(
-            command, env=environment, stdout=log, stderr=log, timeout=seconds + 120, check=False
-        )
+        try:
+            subprocess.run(
+                command, env=environment, stdout=log, stderr=log, timeout=seconds + 60, check=False
+            )
+        except subprocess.TimeoutExpired:
+            shutil.copy(home / "work" / "last", home / "found" / "timeout-of-the-child")
 
 
 def told(log: Path) -> str:
@@ -147,6 +151,7 @@ def run_child(reader: str, home: Path, given: argparse.Namespace) -> None:
     def attempt(data: bytes) -> None:
         count[:] = (int.from_bytes(count[:], "little") + 1).to_bytes(8, "little")
         path.write_bytes(data)
+        (home / "work" / "last").write_bytes(data)
         try:
             target.read(path)
         except InputError as error:
