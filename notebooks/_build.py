@@ -43,13 +43,26 @@ def build(source: Path) -> Path:
         kernel_name="python3",
         record_timing=False,
         coalesce_streams=True,
-        resources={"metadata": {"path": str(HERE)}},
+        resources={"metadata": {"path": str(source.parent)}},
     )
     client.execute()
+    _refuse_noise(notebook, client)
     _drop_volatile(notebook)
     target = source.with_suffix(".ipynb")
     nbformat.write(notebook, target)
     return target
+
+
+def _refuse_noise(notebook: nbformat.NotebookNode, client: NotebookClient) -> None:
+    """Raise on what nbclient lets pass: stderr, and errors inside the output of a widget."""
+    outputs = [output for cell in notebook.cells for output in cell.get("outputs", ())]
+    for state in client.widget_state.values():
+        outputs += state.get("outputs", ())
+    for output in outputs:
+        if output["output_type"] == "error":
+            raise RuntimeError("a callback failed:\n" + "\n".join(output["traceback"]))
+        if output.get("name") == "stderr":
+            raise RuntimeError("said on stderr:\n" + output["text"])
 
 
 def _drop_volatile(notebook: nbformat.NotebookNode) -> None:
