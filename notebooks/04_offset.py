@@ -4,19 +4,26 @@
 # **For whom.** You have two logs of the same drive, written by two computers whose clocks do not
 # agree, and you have never aligned any.
 #
-# **What you will learn.**
+# **What you will be able to do.**
 #
-# 1. how to find the time offset *before* knowing how the camera is mounted,
-# 2. what the paper's trace correlation is, and the three mends that it needs,
-# 3. why we search with a robust score instead, and how to read a peak between grid points,
-# 4. how exact any method can be (the Cramér-Rao bound),
-# 5. why a drive in a circle can never reveal the offset, and how the library says so.
+# 1. find the time offset *before* knowing how the camera is mounted,
+# 2. compute the paper's trace correlation, and say why it needs three mends,
+# 3. search with a robust score instead, and read a peak between two grid points,
+# 4. say how exact any method can be on a given drive (the Cramér-Rao bound),
+# 5. tell a drive that shows the offset from one that never can, such as a circle.
 #
-# **Required knowledge.** Covariance and eigenvalues, as ideas. **Time.** 30 minutes.
+# **Required knowledge.** Covariance and eigenvalues, as ideas. **Time.** 30 minutes: 20 to read,
+# 10 to play.
 #
-# **Where we are.** Notebook 2 turned events into directions $\mathbf v_e(t)$ in the camera frame,
-# notebook 3 wheels into velocities $\mathbf v_o(t)$ in the body frame. Equations are numbered here
-# on their own; a departure from it is said where it occurs.
+# Notebook 2 turned events into directions $\mathbf v_e(t)$ in the camera frame (*headings*),
+# notebook 3 wheels into velocities $\mathbf v_o(t)$ in the body frame. *By how much must one stream
+# be shifted so that it tells the same story as the other?* A time on the body clock is the camera's
+# time plus an unknown offset $t_d$, and a direction in the body frame is the camera's, turned by an
+# unknown rotation $R$. This is the paper's model:
+#
+# $$\mathbf v_o(t + t_d) = R\,\mathbf v_e(t), \qquad t_\text{body} = t_\text{cam} + t_d. \tag{1}$$
+#
+# (Lengths do not count: a camera sees only the direction of its motion.)
 
 # %%
 import matplotlib.pyplot as plt
@@ -28,7 +35,7 @@ from evcalib.geometry import random_rotation, rotation_angle
 from evcalib.offset import candidate_offsets, find_offset
 from evcalib.plots import style
 from evcalib.plots.alignment import draw_curve
-from evcalib.plots.offset import draw_streams
+from evcalib.plots.offset import draw_apart, draw_refuge, draw_search, draw_slope, draw_streams
 from evcalib.refinement import inliers_at, refine_offset
 from evcalib.track import velocity_track
 
@@ -37,13 +44,9 @@ style.use()
 # %% [markdown]
 # ## The problem
 #
-# A time on the body clock is the camera's time plus an unknown offset, and a direction in the body
-# frame is the camera's, turned by an unknown rotation. So at the true offset $t_d$
-#
-# $$\mathbf v_o(t + t_d) = R\,\mathbf v_e(t), \qquad t_\text{body} = t_\text{cam} + t_d. \tag{1}$$
-#
-# (Lengths do not count: a camera sees only the direction of its motion.) We simulate 20 s along an
-# S-curve, the camera mounted at random, its clock 137 ms behind:
+# We simulate 20 s along an S-curve: the vehicle drives at 1 m/s, and the direction of its travel
+# swings by 45 degrees to either side. The camera is mounted at random, and the clocks differ by 137
+# ms. `sigma` is the noise of the headings, in rad per axis; `spoiled` says what else goes wrong.
 
 
 # %%
@@ -64,33 +67,29 @@ print(len(streams.headings), "headings,", len(streams.velocities), "velocities")
 
 # %% [markdown]
 # **See:** both streams swing with the same period, and that is all they share at first sight. The
-# camera's three numbers stand in its own axes, which nobody knows.
+# camera's three numbers (left) stand along its own axes, and nobody knows how these lie.
 
 # %%
-figure, (left, right) = plt.subplots(1, 2, figsize=style.WIDE)
-for axis, values in zip("xyz", streams.headings.v.T, strict=True):
-    left.plot(streams.headings.t, values, ".", ms=2, label=axis)
-left.set_ylim(-1.1, 1.6)
-left.legend(loc="upper center", ncols=3, markerscale=5)
-v = streams.velocities.v
-right.plot(streams.velocities.t, np.degrees(np.arctan2(v[:, 1], v[:, 0])), color=style.BODY)
-style.label(left, "camera time [s]", "heading, camera frame [-]")
-style.label(right, "body time [s]", "azimuth, body frame [deg]")
+figure, axes = plt.subplots(1, 2, figsize=style.WIDE)
+draw_apart(axes, streams.headings, streams.velocities)
 plt.show()
 
 # %% [markdown]
 # ## A number that no rotation changes
 #
-# Shift the odometry by a candidate offset and pair it with the headings. Let $S_{oo}$, $S_{ee}$ and
-# $S_{oe}$ be the covariances of the pairs. The paper's **trace correlation** is
+# Shift the body's stream by a *candidate* offset, and pair each heading with the body's direction
+# at that time. Let $S_{oo}$ and $S_{ee}$ be the $3 \times 3$ covariances of the two streams, and
+# $S_{oe} = S_{eo}^\top$ the covariance between them. The paper's **trace correlation**, which its
+# Alg. 1 maximises, is (with two mends, which come below)
 #
 # $$r = \sqrt{\tfrac1k\,\operatorname{tr}\bigl(S_{oo}^{+}\,S_{oe}\,S_{ee}^{+}\,S_{eo}\bigr)}.
 # \tag{2}$$
 #
 # It measures how much of one stream is a *linear function* of the other: 1 if all of it, 0 if
 # nothing. Turning the headings by $R$ makes $S_{oe}$ into $S_{oe}R^\top$ and $S_{ee}$ into
-# $R S_{ee} R^\top$; in the product every $R$ meets its inverse. So (2) needs no rotation. Here
-# $^{+}$ is the pseudo-inverse and $k$ the smaller rank:
+# $R S_{ee} R^\top$; in the product every $R$ meets its inverse and cancels. So (2) can be computed
+# without knowing the rotation. Here $^{+}$ is the pseudo-inverse and $k$ the smaller one of the two
+# ranks:
 
 
 # %%
@@ -120,6 +119,8 @@ assert np.isclose(trace_correlation(o, here), trace_correlation(o, turned))
 # %% [markdown]
 # ### Three mends
 #
+# Equation (2) departs from the paper's in two places, and the search in a third.
+#
 # **Rank.** A ground vehicle has $v_z = 0$, so $S_{oo}$ has a zero eigenvalue and the inverse that
 # the paper writes does not exist; hence the pseudo-inverse. **Factor.** The paper divides by 3, the
 # number of axes. With only two that vary, even perfect agreement would then stop at
@@ -134,9 +135,10 @@ print(f"perfect agreement with 1/3: {np.sqrt(2 / 3) * trace_correlation(o, e):.4
 # the odometry has been looked up at $t + t_d$, the pairs are simultaneous, and all three
 # covariances are plain ones, as above.
 #
-# Now the search (the paper's Alg. 1): for each candidate, look up the body's direction at
-# $t + t_d$. A `VelocityTrack` does that; it never bridges gaps, so a heading without odometry gives
-# zeros and is left out. To compare like with like, we keep the headings that all candidates cover.
+# Now the search (the paper's Alg. 1), over candidates from -1 to 1 s in steps of 10 ms. A
+# `VelocityTrack` looks up the body's direction at $t + t_d$. It never bridges gaps, so a heading at
+# whose time there is no odometry is left out. To compare like with like, we keep the headings that
+# all candidates cover.
 
 # %%
 track, offsets = velocity_track(streams.velocities), candidate_offsets(1.0)
@@ -147,7 +149,7 @@ by_hand = np.array([trace_correlation(track.directions(t, t, td), e) for td in o
 print(f"best candidate: {offsets[by_hand.argmax()]:.2f} s, true {streams.offset} s")
 
 # %% [markdown]
-# `find_offset` runs the same arithmetic in a compiled loop:
+# The library's `find_offset` runs the same arithmetic in a compiled loop, and gives the same curve:
 
 # %%
 trace = find_offset(streams.headings, track, method="trace")
@@ -156,27 +158,33 @@ assert np.allclose(trace.score, by_hand)
 # %% [markdown]
 # ## The rigid profile
 #
-# Equation (2) allows *any* linear map between the streams, where (1) says that it is a rotation.
-# And squares, of which covariances are made, let a few wild headings spoil everything. Our default
-# uses both: at each candidate, the best rotation under a robust loss,
+# Equation (2) leaves two things unused. It allows *any* linear map between the streams, where (1)
+# says that it is a rotation. And covariances are made of squares, so a few wild headings spoil
+# everything. Our default mends both. The score of a candidate is that of the best *rotation*, under
+# a *robust* loss (the equation is ours):
 #
 # $$s(t_d) = \max_{R}\; \frac{1}{\sum w_i} \sum_i w_i
 # \Bigl[1 - \frac{u_i}{c}\Bigr]_+^3, \qquad
 # u_i = 1 - \mathbf v_o(t_i + t_d)^\top R\,\mathbf v_e(t_i). \tag{3}$$
 #
-# The misfit $u$ is 0 for parallel directions and 2 for opposite ones; from $c$ on a heading counts
-# nothing (Tukey's loss). $R$ comes from a few re-weighted fits (notebook 5), with $c$ narrowing
-# from 180 to 60 degrees, so that each candidate finds its own rotation.
+# The misfit $u_i$ is 0 for parallel directions and 2 for opposite ones. The bracket falls from 1 to
+# 0, and stays there from $u_i = c$ on ($[\cdot]_+$ means: negative values become 0): a heading that
+# is too far off counts nothing, however far (*Tukey's loss*). $w_i$ is the weight of a heading,
+# here
+# 1. $R$ comes from a few re-weighted fits (notebook 5), while $c$ narrows from 180 to 60 degrees,
+#    so that each candidate finds its own rotation.
 
 # %%
 profile = find_offset(streams.headings, track, method="profile")
 print(f"trace {trace.offset:.3f} s, profile {profile.offset:.3f} s, true {streams.offset} s")
 
 # %% [markdown]
-# Now the sign of 40 % of the headings is turned, as happens to a camera that cannot tell what is in
-# front of it from what is behind. **See:** the trace correlation (left) hardly rises above what
-# chance gives, and its peak has wandered off. The profile (right) is lower, but stands where it
-# stood.
+# On clean headings both are good to a few milliseconds. Now the sign of 40 % of the headings is
+# turned, as happens when a camera cannot tell forward from backward.
+#
+# **See:** the trace correlation (left) hardly rises above what chance gives (look at the scale),
+# and its peak has wandered off. The profile (right) is lower than before, but its peak is still
+# there.
 
 # %%
 flipped = drive_along(s_curve(), seed=5, flips=0.4)
@@ -189,7 +197,8 @@ for ax, method in zip(axes, ("trace", "profile"), strict=True):
 plt.show()
 
 # %% [markdown]
-# One drive proves little. Twenty drives each, three kinds of trouble, median and worst error:
+# One drive proves little. So we take twenty drives of each of three kinds of trouble, and print the
+# median and the worst error:
 
 # %%
 troubles = {"clean": {}, "40 % flipped": {"flips": 0.4}, "60 % random": {"outliers": 0.6}}
@@ -206,9 +215,10 @@ for name, trouble in troubles.items():
 # %% [markdown]
 # ## Between the grid points
 #
-# The grid has 10 ms. A finer one does not help: noise of the odometry makes the curve rough at that
-# scale, and a fine grid climbs the roughness. Instead we fit a parabola to the points around the
-# peak and take its vertex. `refine_offset` then repeats that under a loss as narrow as the noise.
+# Candidates are 10 ms apart. A finer grid does not help: noise of the odometry makes the curve
+# rough at that scale, and a fine grid only finds the highest spike. Instead we fit a parabola to
+# the eleven points around the peak and take its vertex. `refine_offset` then does the same with a
+# loss that is as narrow as the noise of the headings.
 
 # %%
 near = np.abs(profile.offsets - profile.offsets[profile.peak]) < 0.055
@@ -221,22 +231,58 @@ print(f"refined {refined.offset:.4f} s, true {streams.offset} s")
 # %% [markdown]
 # ## How exact can it be?
 #
-# Move the offset by a little $\delta$: the body's azimuth at heading $i$ moves by $\omega_i\delta$,
-# where $\omega_i$ is the rate at which the direction of travel turns. The rotation may answer with
-# a turn $\varphi$ about the vertical. So the data see only
+# Look up the body at a time that is wrong by a little $\delta$: its azimuth at heading $i$ changes
+# by $\omega_i\delta$, where $\omega_i$ is the rate at which the direction of travel turns. The
+# rotation may answer with a turn $\varphi$ about the vertical. So by how much the headings are off
+# is (ours)
 #
 # $$r_i = \omega_i\,\delta + \varphi + \text{noise}, \qquad \text{sd } \sigma. \tag{4}$$
 #
-# That is a straight line through points $(\omega_i, r_i)$ with slope $\delta$ and intercept
-# $\varphi$. The variance of a slope is in every textbook, and no unbiased method does better
-# (Cramér-Rao):
+# That is a straight line through the points $(\omega_i, r_i)$, with slope $\delta$ and intercept
+# $\varphi$. To find the offset *is* to fit the slope of a line. Let us look at the points when the
+# clock is wrong by 100 ms, on the S-curve and on an arc (a part of a circle):
+
+
+# %%
+def turning_rate(drive, t):
+    return (drive.angle(t + 1e-4) - drive.angle(t - 1e-4)) / 2e-4
+
+
+def off_by(s, late):
+    """Return how far the body's azimuth is off when it is looked up too late."""
+    t = s.headings.t + s.offset
+    turned = s.headings.v @ s.R_body_cam.T
+    off = s.drive.angle(t + late) - np.arctan2(turned[:, 1], turned[:, 0])
+    return (off + np.pi) % (2 * np.pi) - np.pi
+
+
+# %% [markdown]
+# **See:** on the S-curve (left) the points stand along a line, and its slope is the 100 ms. On the
+# arc (right) the direction always turns at the same rate, so all points stand above one another:
+# any line through their middle fits, with any slope.
+
+# %%
+figure, axes = plt.subplots(1, 2, figsize=style.WIDE, sharey=True)
+for ax, (name, drive) in zip(axes, {"S-curve": s_curve(), "arc": arc()}.items(), strict=True):
+    s = drive_along(drive, seed=1)
+    rate, off = turning_rate(drive, s.headings.t + s.offset), off_by(s, late=0.1)
+    slope = np.polyfit(rate, off, 1)[0] if name == "S-curve" else None
+    draw_slope(ax, rate, off, slope=slope, title=name)
+axes[1].set_ylabel("")
+plt.show()
+
+# %% [markdown]
+# The variance of a fitted slope is in every textbook on statistics, and no unbiased method does
+# better (Cramér and Rao's bound; the equation is ours):
 #
 # $$\operatorname{Var}(t_d) \;\ge\; \frac{\sigma^2}{\sum_i (\omega_i - \bar\omega)^2}. \tag{5}$$
+#
+# Does our search reach it? Forty drives with twice the noise:
 
 
 # %%
 def bound(drive, t, sigma):
-    rate = (drive.angle(t + 1e-4) - drive.angle(t - 1e-4)) / 2e-4
+    rate = turning_rate(drive, t)
     return sigma / np.sqrt(np.sum((rate - rate.mean()) ** 2))
 
 
@@ -250,18 +296,19 @@ best = bound(s_curve(), s.headings.t + s.offset, 0.1)
 print(f"error {1000 * np.std(errors):.0f} ms (rms of 40 drives), bound {1000 * best:.0f} ms")
 
 # %% [markdown]
-# With a heading every 33 ms that are each 6 degrees wrong, the offset is known to some ten
-# milliseconds, and there is little left to gain.
+# There are 30 headings per second, and each is wrong by 6 degrees. Even so the offset is known to
+# ten milliseconds, and hardly anything is left to gain.
 #
 # ## The arc
 #
-# Look at (5) again: what if the direction turns at a *constant* rate? Then all
-# $\omega_i = \bar\omega$, the sum is zero and the bound infinite. This is not a matter of noise. On
-# such an arc, a later direction is an earlier one, turned:
+# Look at (5) again: if the direction turns at a *constant* rate, all $\omega_i = \bar\omega$, the
+# sum is zero and the bound infinite. This is not a matter of noise. On such an arc, a later
+# direction is an earlier one, turned about the vertical:
 #
 # $$\mathbf v_o(t + t_d) = R_z(\omega t_d)\,\mathbf v_o(t). \tag{6}$$
 #
-# So any wrong offset is made good by another rotation. Let us check it on the exact drive:
+# Put (6) into (1), and you see that any wrong offset is made good by another rotation. Let us check
+# (6) on the exact drive:
 
 # %%
 omega = 0.25  # an arc of 4 m at 1 m/s [rad/s]
@@ -271,7 +318,7 @@ R_z = np.array([[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]])
 assert np.allclose(arc(radius=4.0).velocity(t + td), arc(radius=4.0).velocity(t) @ R_z.T)
 
 # %% [markdown]
-# Now both scores, without any noise, on an arc and on an S-curve:
+# Now both scores over all candidates, without any noise, on an arc and on an S-curve:
 
 # %%
 clean = {"arc": drive_along(arc(), 2, sigma=0.0), "S-curve": drive_along(s_curve(), 2, sigma=0.0)}
@@ -282,39 +329,44 @@ for name, s in clean.items():
         print(f"{name:8s} {method:8s} from {np.nanmin(score):.3f} to {np.nanmax(score):.3f}")
 
 # %% [markdown]
-# **See, left:** on the arc the score is 1 for *every* offset; there is no peak to find. **Right:**
-# where did the offset go? Into the rotation. The rotation that belongs to each offset is wrong by
-# $\omega\,|t_d - t_d^\text{true}|$, exactly as (6) says. A method that reports the "best" offset
-# here reports rounding errors, and ruins the rotation with them.
+# Where does the offset go, on the arc? Into the rotation. For each candidate we also compute the
+# rotation that fits best, and how wrong it is:
 
 # %%
-figure, (left, right) = plt.subplots(1, 2, figsize=style.WIDE)
-looks = {"arc": (style.OUTLIER, "-"), "S-curve": (style.BODY, "--")}
+some = offsets[::5]
+errors, scores = {}, {}
 for name, s in clean.items():
-    color, dash = looks[name]
-    score = find_offset(s.headings, tracks[name]).score
-    left.plot(offsets, score, dash, color=color, label=name)
-    fits = [inliers_at(s.headings, tracks[name], td).R_body_cam for td in offsets[::5]]
-    error = [np.degrees(rotation_angle(R, s.R_body_cam)) for R in fits]
-    right.plot(offsets[::5], error, dash, color=color, label=name)
-for ax, name in ((left, "robust score [-]"), (right, "error of the best rotation [deg]")):
-    ax.axvline(0.137, color=style.TRUE, ls=":", label="true")
-    style.label(ax, "offset [s]", name)
-left.legend()
+    scores[name] = find_offset(s.headings, tracks[name]).score[::5]
+    fits = [inliers_at(s.headings, tracks[name], td).R_body_cam for td in some]
+    errors[name] = np.array([np.degrees(rotation_angle(R, s.R_body_cam)) for R in fits])
+
+assert np.allclose(errors["arc"], np.degrees(omega * np.abs(some - 0.137)), atol=0.3)
+
+# %% [markdown]
+# **See, left:** on the arc the score is 1 for *every* offset; there is no peak to find. **Right:**
+# the rotation that belongs to each offset is wrong by $\omega\,|t_d - t_d^\text{true}|$, as (6)
+# says and the assertion checks. A method that reports the "best" offset here reports rounding
+# errors, and ruins the rotation with them.
+
+# %%
+figure, axes = plt.subplots(1, 2, figsize=style.WIDE)
+draw_refuge(axes, some, scores, errors, true=0.137)
 plt.show()
 
 # %% [markdown]
 # The paper has an experiment on arcs, too. With a constant rate of turning it cannot have worked as
 # described: the offset found there is a matter of chance, the rotation inherits its error by (6),
-# and the wider the search, the worse.
+# and the wider the search, the worse. Notebook 7 repeats that experiment.
 #
-# On the S-curve a wrong offset cannot be hidden, neither in the score nor in the rotation:
-# left and right swings are symmetric, so the best rotation stays right even at wrong offsets.
+# On the S-curve a wrong offset cannot hide in the rotation. Swings to the left and to the right ask
+# for opposite turns, so the best rotation stays right even at wrong offsets.
 #
 # ## What the library says
 #
-# `align` tests what the motion can tell before it believes a peak: does the heading rate vary by
-# more than its noise, do the headings follow that, and is the best offset the only plausible one?
+# `align` does the whole job: offset, rotation and their uncertainty. Before it believes a peak, it
+# asks three questions. Does the direction of travel turn at a *varying* rate, by more than noise
+# would make it seem? Do the headings follow these variations? Is the best offset the only one that
+# the data allow? The answer is its *verdict*:
 
 # %%
 drives = {
@@ -331,9 +383,9 @@ for name, drive in drives.items():
     print(f"{name}: {results[name].verdict.summary}")
 
 # %% [markdown]
-# The S-curve and the slow zigzag are answered, the arc and the straight line are refused. Where the
-# offset is not observable, `align` uses the one that you give it (0 if you give none), and says
-# whether the rotation depends on it.
+# The S-curve and the slow zigzag are answered; the arc, the straight line and the fast zigzag are
+# refused. Where the offset is not observable, `align` uses the one that you give it (0 if you give
+# none), and says whether the rotation depends on it.
 
 # %%
 for name in ("S-curve", "slow zigzag"):
@@ -346,34 +398,38 @@ for name in ("arc", "straight", "fast zigzag"):
 # %% [markdown]
 # ### Repeating motions
 #
-# Why is the fast zigzag refused? Its direction alternates every 0.73 s, so it repeats itself after
-# 1.46 s. But **see:** the curve has a second and a third peak after only *half* of that. Shifted by
-# half a period, left and right are exchanged, and turning the camera by 180 degrees about the
-# forward axis exchanges them back. So a periodic drive is ambiguous as soon as the search is wider
-# than half a period.
+# Why is the fast zigzag refused? Its direction alternates between left and right every 0.73 s, so
+# it repeats itself after 1.46 s. But the trouble starts after *half* of that: shifted by half a
+# period, left and right are exchanged, and a camera that is turned by 180 degrees about the forward
+# axis exchanges them back. So a zigzag is ambiguous as soon as the search reaches half a period.
 
 # %%
 s = drive_along(drives["fast zigzag"], 3)
 on = velocity_track(s.velocities)
-curve = find_offset(s.headings, on)
+curve, shifted = find_offset(s.headings, on), s.offset - 0.73
+R = inliers_at(s.headings, on, shifted).R_body_cam
+half_turn = np.degrees(rotation_angle(R, s.R_body_cam))
+print(f"rotation half a period off: wrong by {half_turn:.0f} deg")
+
+# %% [markdown]
+# **See, left:** three peaks of the same height, half a period apart; only the middle one is true.
+# **Right:** the two streams at the left peak, 730 ms from the truth. No eye could tell.
+
+# %%
 figure, (left, right) = plt.subplots(1, 2, figsize=style.WIDE)
 draw_curve(left, curve, true=s.offset)
 left.set_xticks([-1, -0.5, 0, 0.5, 1])
-shifted = s.offset - 0.73
-R = inliers_at(s.headings, on, shifted).R_body_cam
 draw_streams(right, s.headings.select(s.headings.t < 8), on, shifted, R)
 figure.legend(loc="outside upper right", ncols=3, markerscale=3)
 left.get_legend().remove()
 plt.show()
 
 # %% [markdown]
-# On the right, the two streams 730 ms from the truth: no eye could tell. The remedy is knowledge
-# from outside. Who knows that the clocks agree to 0.3 s searches only that far:
+# The remedy is knowledge from outside. If you know that the clocks agree to 0.3 s, say so, and only
+# that far is searched:
 
 # %%
 narrow = align(s.headings, s.velocities, max_offset=0.3)
-half_turn = np.degrees(rotation_angle(R, s.R_body_cam))
-print(f"rotation half a period off: wrong by {half_turn:.0f} deg")
 print(f"{narrow.verdict.summary} {1000 * narrow.offset:.0f} ms")
 
 assert narrow.offset_observable
@@ -381,18 +437,41 @@ assert narrow.offset_observable
 # %% [markdown]
 # ## Find it by hand
 #
-# Shift the body's stream until it lies under the camera's; each place that you try leaves a dot in
-# the right panel. Then tick *compare*: it shows the whole curve, the truth, and the verdict of
-# `align`. The true offset is another one here. Try this:
+# The panel below lets you shift the body's stream until it lies under the camera's. (The camera's
+# is turned by the rotation that fits best at each place, so that only time is left to you.) Each
+# offset that you try leaves a dot. The true offset is another one here.
 #
-# 1. The S-curve: how near do you come? And with a noise of 0.30 rad?
-# 2. The arc: which offset looks best? What happens to the dots?
-# 3. The fast zigzag: find all three places that fit.
+# **See** in the static picture, of the S-curve, how it looks after five tries.
+
+
+# %%
+def by_hand(kind, noise):
+    return drive_along(drives[kind], 5, offset=-0.26, sigma=noise)
+
+
+s = by_hand("S-curve", 0.05)
+on = velocity_track(s.velocities)
+curve = find_offset(s.headings, on)
+tried = [int(np.argmin(np.abs(curve.offsets - td))) for td in (0.0, 0.3, -0.8, -0.6, -0.4)]
+R = inliers_at(s.headings, on, curve.offsets[tried[-1]]).R_body_cam
+figure, axes = plt.subplots(1, 2, figsize=(9.2, 3.2), width_ratios=(3, 2))
+draw_search(axes, s.headings, on, R, curve, tried)
+plt.show()
+
+# %% [markdown]
+# **Your turn.** *compare* shows the whole curve, the truth, and the verdict of `align`; the play
+# button tries one offset after the other; *reset* starts anew.
+#
+# 1. *S-curve*: find the offset by hand, and only then tick *compare*. You have reached the goal
+#    when you are within 20 ms of the truth. Then raise the noise to 0.30 rad and do it again.
+# 2. *arc*: press play. What do the dots draw? Stop where the streams lie on each other best, and
+#    see what *compare* says about that place.
+# 3. *fast zigzag*: find all three places that fit. Which one would you have believed?
 
 # %%
 from evcalib.widgets.offset import OffsetPanel
 
-OffsetPanel(lambda kind, noise: drive_along(drives[kind], 5, offset=-0.26, sigma=noise), drives)
+OffsetPanel(by_hand, list(drives))
 
 # %% [markdown]
 # ## Exercises
@@ -404,9 +483,9 @@ OffsetPanel(lambda kind, noise: drive_along(drives[kind], 5, offset=-0.26, sigma
 #
 # By (5), four times the headings quadruple the sum: half the bound. Twice as fast
 # doubles every $\omega_i$ and quadruples the sum as well: also half, in a quarter of the time. But
-# mind the aliases: the search must stay within half a (now shorter) period. Check:
-# `bound(s_curve(80.0), np.arange(0, 80, 1 / 30), 0.1)` against
-# `bound(s_curve(period=4.0), np.arange(0, 20, 1 / 30), 0.1)`.
+# mind the repetition: the search must stay within half a (now shorter) period. Check:
+# `bound(s_curve(80.0), np.arange(0, 80, 1 / 30), 0.1)` and
+# `bound(s_curve(period=4.0), np.arange(0, 20, 1 / 30), 0.1)` both give 4.7 ms.
 #
 # </details>
 #
@@ -426,20 +505,26 @@ OffsetPanel(lambda kind, noise: drive_along(drives[kind], 5, offset=-0.26, sigma
 #
 # <details><summary>Solution</summary>
 #
-# Not from directions: they are the same all the time. A monocular camera does not know its speed
-# (it sees speed over depth). Only moments of standing still can be recognised in both streams; we
-# do not use them.
+# Not from headings: their direction is the same all the time, and a single camera does not see
+# speed, only speed over distance. But the distance of *one corner* hardly changes while it is
+# watched, so whether it moves faster or slower than before tells of the speed. The last stage of
+# `evcalib.calibrate` uses that: see notebook 6.
 #
 # </details>
 #
 # ## In the library
 #
-# - `evcalib.offset`: `find_offset` with `method="profile"`, `"trace"`, `"canonical"` or `"scalar"`
-#   returns an `OffsetCurve`; `refine_offset`; `plausible_offsets`.
-# - `evcalib.track.velocity_track`: the odometry at any time, without bridging gaps.
-# - `evcalib.observability`: `heading_rate_test` and `steady_turning`, the tests behind the verdict.
-# - `evcalib.plots.alignment.draw_curve`, `evcalib.plots.offset`, `evcalib.widgets.offset`.
+# - [`evcalib.offset.find_offset`](../evcalib/offset.py): the search, with `method="profile"`,
+#   `"trace"`, `"canonical"` or `"scalar"`.
+# - [`evcalib.refinement`](../evcalib/refinement.py): `refine_offset` between the grid points, and
+#   `plausible_offsets`, those that the data cannot tell from the best one.
+# - [`evcalib.track.velocity_track`](../evcalib/track.py): the odometry at any time, without
+#   bridging gaps.
+# - [`evcalib.observability`](../evcalib/observability.py): `heading_rate_test` and
+#   `steady_turning`, the tests behind the verdict.
+# - [`evcalib.plots.offset`](../evcalib/plots/offset.py),
+#   [`evcalib.widgets.offset`](../evcalib/widgets/offset.py): the pictures and the panel.
 # - From the command line: `evcalib align headings.csv velocities.csv --max-offset 1.0`
 #
-# **Next:** the streams are aligned in time. Notebook 5 finds the rotation between them, and what to
-# do about headings that are simply wrong.
+# **Next:** [5. Rotation](05_rotation.ipynb) finds how the camera is mounted, and what to do about
+# headings that are simply wrong.

@@ -36,11 +36,12 @@ def paired(
 def draw_apart(axes: Sequence[Axes], headings: HeadingSeries, velocities: VelocitySeries) -> None:
     """Draw both streams as they come, each in its own frame and on its own clock: two panels."""
     left, right = axes
-    for name, values, marker in zip("xyz", headings.v.T, ("o", "x", "^"), strict=True):
-        left.plot(headings.t, values, marker, ms=2.5, mew=0.8, color=style.CAMERA, label=name)
+    for name, values in zip("xyz", headings.v.T, strict=True):
+        left.plot(headings.t, values, ".", ms=style.dot(len(headings)), color=style.CAMERA)
+        end = headings.t[-1], float(values[-10:].mean())
+        left.annotate(name, end, (7, 0), textcoords="offset points", va="center", fontweight="bold")
     left.set_ylim(-1.05, 1.05)
     style.label(left, "camera time [s]", "heading, camera frame [-]", title="camera")
-    left.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=3, markerscale=2.5)
     right.plot(velocities.t, azimuth(velocities.v), color=style.BODY)
     style.label(right, "body time [s]", "azimuth, body frame [deg]", title="body")
 
@@ -138,7 +139,9 @@ def draw_search(
     draw_tried(right, curve, np.array(tried), reveal=reveal, true=true)
 
 
-def draw_slope(ax: Axes, rate: Floats, off: Floats, *, slope: float, title: str = "") -> None:
+def draw_slope(
+    ax: Axes, rate: Floats, off: Floats, *, slope: float | None, title: str = ""
+) -> None:
     """Draw by how much headings are off over the rate of turning, and the line through them.
 
     Parameters
@@ -149,16 +152,19 @@ def draw_slope(ax: Axes, rate: Floats, off: Floats, *, slope: float, title: str 
         How fast the direction of travel turns [rad/s].
     off : ndarray, shape (n,)
         Azimuth of the body minus that of the turned heading [rad].
-    slope : float
+    slope : float, optional
         Of the line: the offset that is left [s].
     title : str
         Of the panel.
     """
     ax.plot(np.degrees(rate), np.degrees(off), ".", ms=3, color=style.CAMERA, label="headings")
-    ends = np.array([rate.min(), rate.max()])
-    line = off.mean() + slope * (ends - rate.mean())
-    name = f"slope {1e3 * slope:.0f} ms"
-    ax.plot(np.degrees(ends), np.degrees(line), "-o", ms=3, color=style.TRUE, label=name)
+    if slope is not None:
+        ends = np.array([rate.min(), rate.max()])
+        line = off.mean() + slope * (ends - rate.mean())
+        name = f"slope {1e3 * slope:.0f} ms"
+        ax.plot(np.degrees(ends), np.degrees(line), color=style.TRUE, label=name)
+    ax.set_xlim(-42.0, 42.0)
+    ax.legend(loc="upper left", markerscale=3)
     style.label(ax, "rate of turning [deg/s]", "off by [deg]", title=title)
 
 
