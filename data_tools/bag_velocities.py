@@ -167,9 +167,10 @@ def _collected(
     bag: Bag, topic: Topic, messages: Iterator[tuple[Any, list[float]]]
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     stamps, rows = [], []
-    for stamp, row in messages:
-        stamps.append(int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec))
-        rows.append(row)
+    with bag.reading(topic):
+        for stamp, row in messages:
+            stamps.append(int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec))
+            rows.append(row)
     if len(rows) < 2:
         raise InputError(f"{bag.path}: {topic.name} has {len(rows)} usable messages, two at least")
     return np.array(stamps, dtype=np.int64), np.array(rows, dtype=np.float64)

@@ -10,6 +10,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -88,6 +89,33 @@ class Bag:
         """Return the fields of the topic's message type, or of another that it contains."""
         definitions = self._store(topic.type).fielddefs
         return dict(definitions.get(type or topic.type, ([], []))[1])
+
+    def check_known(self, topic: Topic) -> None:
+        """Refuse a topic whose type the bag defines otherwise than `DEFINITIONS`.
+
+        Raises
+        ------
+        InputError
+            If it is another, so that its messages would be taken for what they are not.
+        """
+        found = self.fields(topic)
+        if found != _known_fields(topic.type):
+            raise InputError(
+                f"{self.path}: {topic.name} is of another {topic.type} than the known one, with"
+                f" {', '.join(found)}: is the bag damaged?"
+            )
+
+    @contextmanager
+    def reading(self, topic: Topic) -> Iterator[None]:
+        """Turn what goes wrong with messages that lack fields or hold others into an InputError."""
+        try:
+            yield
+        except InputError:
+            raise
+        except (AttributeError, TypeError, ValueError, LookupError, OverflowError) as error:
+            raise InputError(
+                f"{self.path}: a message of {topic.name} is no {topic.type}: {error}"
+            ) from None
 
     def choose(self, types: tuple[str, ...], name: str | None, what: str) -> Topic:
         """Return the topic that is named, or the only one of the given message types."""
@@ -241,6 +269,11 @@ def _typestore(type: str, definition: str | None) -> Any:
     for name, text in DEFINITIONS.items():
         store.register(get_types_from_msg(text, name))
     return store
+
+
+@lru_cache
+def _known_fields(type: str) -> dict[str, Any]:
+    return dict(_typestore(type, None).fielddefs[type][1])
 
 
 @contextmanager

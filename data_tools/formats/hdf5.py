@@ -20,7 +20,6 @@ from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from math import prod
 from pathlib import Path
 from typing import Any
 
@@ -28,9 +27,9 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from data_tools._unpack import check_ratio
 from data_tools.formats import Columns, Options, Size, Source
 from data_tools.formats._columns import Converter, find_columns
+from data_tools.formats._hdf5_checks import check_columns
 from evcalib.errors import InputError
 
 NAMES = ("evcalib", "dsec", "prophesee-hdf5", "mvsec")
@@ -38,12 +37,6 @@ NAMES = ("evcalib", "dsec", "prophesee-hdf5", "mvsec")
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 LAYOUT = "evcalib-events"
 VERSION = 1
-
-MAX_CHUNK = 1 << 28
-"""A chunk [bytes] is unpacked as a whole, so larger ones are refused."""
-MAX_CHUNK_ROWS = 1 << 25
-MAX_ROW = 1024
-"""Bytes of a row at most."""
 
 _DAMAGE = (
     OSError,
@@ -84,11 +77,7 @@ def open(path: Path, options: Options) -> Source:
         rows = _rows(columns, stream)
         if stream.format == "evcalib" and _integer(attributes.get("count", rows)) != rows:
             raise InputError(f"{path} holds {rows} events, but says {attributes['count']}")
-        _check_kinds(columns)
-        _check_sizes(path, columns)
-        _check_filters(columns)
-        for column in columns:
-            _check_stored(column)
+        check_columns(path, columns)
         size = options.sensor(path, _declared_size(attributes))
         shift = _shift(file, stream, attributes)
         unit = _unit(attributes, options, stream)
@@ -220,87 +209,6 @@ def _step(columns: list[h5py.Dataset]) -> int:
     """Return how many rows to read at a time: whole chunks of the largest kind."""
     chunk = max((column.chunks[0] for column in columns if column.chunks), default=_ROWS)
     return int(chunk * max(1, _ROWS // chunk))
-
-
-def _check_sizes(path: Path, columns: list[h5py.Dataset]) -> None:
-    for column in columns:
-        chunk = prod(column.chunks) * column.dtype.itemsize if column.chunks else 0
-        if chunk > MAX_CHUNK or (column.chunks and column.chunks[0] > MAX_CHUNK_ROWS):
-            raise InputError(
-                f"{path}: {column.name} is in chunks of {chunk} bytes, each unpacked as a whole;"
-                " write it in smaller ones: h5repack -l CHUNK=100000"
-            )
-    declared, held = sum(column.nbytes for column in columns), path.stat().st_size
-    try:
-        check_ratio(declared, held)
-    except InputError:
-        raise InputError(
-            f"{path} declares {declared} bytes of events, but the whole file has {held}: it is"
-            " damaged or made to fill the memory; write it again (h5repack) if it is sound"
-        ) from None
-
-
-def _check_kinds(columns: list[h5py.Dataset]) -> None:
-    """Refuse what are no plain numbers in this file: texts, references, views of other files."""
-    for column in columns:
-        dtype = column.dtype
-        kinds = [dtype[name] for name in dtype.names] if dtype.names else [dtype]
-        if dtype.itemsize > MAX_ROW or any(kind.kind not in "biuf" for kind in kinds):
-            raise InputError(f"{column.name} must hold numbers, not {str(dtype)[:100]}")
-        if column.is_virtual or column.external:
-            raise InputError(f"{column.name} is stored in other files; copy it into one: h5repack")
-
-
-def _check_stored(column: h5py.Dataset) -> None:
-    """See that all values are in the file: HDF5 reads zeros where they are not.
-
-    A stored chunk that is larger than its content is refused: it could unpack to any size.
-    """
-    if not column.chunks or not column.size:
-        if column.id.get_storage_size() != column.nbytes:
-            raise InputError(f"{column.name} lacks values: the file is damaged")
-        return
-    steps = [range(0, n, c) for n, c in zip(column.shape, column.chunks, strict=True)]
-    expected = prod(map(len, steps))
-    largest = prod(column.chunks) * column.dtype.itemsize * 9 // 8 + 4096
-    found: set[tuple[int, ...]] = set()
-
-    def see(chunk: Any) -> None:
-        at = tuple(chunk.chunk_offset)
-        if chunk.size <= largest and all(k in step for k, step in zip(at, steps, strict=True)):
-            found.add(at)
-
-    if hasattr(column.id, "chunk_iter"):
-        column.id.chunk_iter(see)
-    count = len(found) if hasattr(column.id, "chunk_iter") else column.id.get_num_chunks()
-    if count != expected:
-        raise InputError(
-            f"{column.name} lacks values: of its {expected} chunks {count} are sound; the file is"
-            " damaged, or was not closed after writing"
-        )
-
-
-def _check_filters(columns: list[h5py.Dataset]) -> None:
-    """See that all compressions can be undone; those beyond HDF5's own come with hdf5plugin."""
-    for column in columns:
-        plist = column.id.get_create_plist()
-        for k in range(plist.get_nfilters()):
-            code, _, _, name = plist.get_filter(k)
-            if not (h5py.h5z.filter_avail(code) or _with_plugin(code)):
-                label = name.decode("utf-8", "replace") or "unnamed"
-                raise InputError(
-                    f"{column.name} is compressed with {label} (HDF5 filter {code}), which is not"
-                    ' installed: pip install "evcalib[formats]" has Blosc, Zstd and LZ4; for'
-                    " Prophesee's ECF set HDF5_PLUGIN_PATH to its plugin"
-                )
-
-
-def _with_plugin(code: int) -> bool:
-    try:
-        import hdf5plugin  # noqa: F401
-    except ImportError:
-        return False
-    return bool(h5py.h5z.filter_avail(code))
 
 
 def _attributes(file: h5py.File, stream: _Stream) -> dict[str, Any]:

@@ -67,6 +67,7 @@ def _open_arrays(bag: Bag, topic: Topic, options: Options) -> Source:
 
 def _open_packets(bag: Bag, topic: Topic, options: Options) -> Source:
     path = bag.path
+    bag.check_known(topic)
     size, encoding, clock = _surveyed(path, _state(path), topic)
     size = options.sensor(path, size)
     _packets.decoder(encoding, Counter())
@@ -75,15 +76,17 @@ def _open_packets(bag: Bag, topic: Topic, options: Options) -> Source:
         decode = _packets.decoder(encoding, losses)
         following: int | None = None
         for number, raw in enumerate(bag.messages(topic)):
-            message = bag.decode(topic, raw)
-            _check_encoding(message, encoding, number)
-            if following is not None and message.seq > following:
-                losses["packets missing by their numbers"] += int(message.seq) - following
-            following = int(message.seq) + 1
-            columns = decode(message)
-            if clock is not None:
-                columns = _in_ros_time(columns, clock, number, encoding)
-            yield (int(message.width), int(message.height)), columns
+            with bag.reading(topic):
+                message = bag.decode(topic, raw)
+                _check_encoding(message, encoding, number)
+                if following is not None and message.seq > following:
+                    losses["packets missing by their numbers"] += int(message.seq) - following
+                following = int(message.seq) + 1
+                columns = decode(message)
+                if clock is not None:
+                    columns = _in_ros_time(columns, clock, number, encoding)
+                sensor = int(message.width), int(message.height)
+            yield sensor, columns
 
     notes = (f"topic {topic.name}, encoding {encoding}", *_clock_notes(clock))
     return Source("rosbag", *size, _pieces(path, size, read), notes)
@@ -126,7 +129,8 @@ def _surveyed(
     """
     with open_bag(path) as bag:
         try:
-            return _survey(bag, topic)
+            with bag.reading(topic):
+                return _survey(bag, topic)
         except InputError as error:
             if str(path) in str(error):
                 raise
