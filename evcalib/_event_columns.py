@@ -126,7 +126,7 @@ def to_us(values: ArrayLike, unit: str) -> NDArray:
     scale = _PER_UNIT[unit]
     if t.dtype.kind not in "iuf":
         raise InputError(f"event column t must hold numbers, not {t.dtype}")
-    bad = ~(np.abs(t.astype(np.float64)) * scale < 2.0**62)
+    bad = ~(np.abs(t.astype(np.float64)) < 2.0**62 / scale)
     if bad.any():
         row = int(np.argmax(bad))
         raise InputError(f"event {row} has t = {t[row]} {unit}, not a usable time")

@@ -4,6 +4,7 @@ import math
 from itertools import pairwise
 
 import numpy as np
+from scipy.integrate import trapezoid
 from scipy.spatial.transform import Rotation
 
 
@@ -31,7 +32,7 @@ def mean_velocity(t, v, max_gap, start, end):
     gap = any(b - a > max_gap for a, b in pairwise(t) if a < end and b > start)
     if gap or any(value is None for value in values):
         return None
-    return np.trapezoid(np.array(values), corners, axis=0) / (end - start)
+    return trapezoid(np.array(values), corners, axis=0) / (end - start)
 
 
 def direction(t, v, max_gap, min_speed, start, end):

@@ -7,6 +7,7 @@ corners of the velocity, the inverse distance and the common shift of a track by
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.integrate import trapezoid
 from scipy.optimize import brentq, least_squares
 
 from evcalib.geometry import rotation_vector_to_matrix, unit
@@ -25,7 +26,7 @@ class Motion:
         rate = velocities.yaw_rate
         self.yaw = np.zeros(self.t.size)
         if rate is not None:
-            steps = [np.trapezoid(rate[k : k + 2], self.t[k : k + 2]) for k in range(rate.size - 1)]
+            steps = [trapezoid(rate[k : k + 2], self.t[k : k + 2]) for k in range(rate.size - 1)]
             self.yaw = np.concatenate([[0.0], np.cumsum(steps)])
         pairs = zip(self.yaw, velocities.v, strict=True)
         self.v = np.array([about_z(yaw) @ v for yaw, v in pairs])
@@ -33,7 +34,7 @@ class Motion:
     def position(self, time):
         corners = np.array([self.t[0], *self.t[(self.t > self.t[0]) & (self.t < time)], time])
         v = np.stack([np.interp(corners, self.t, axis) for axis in self.v.T], axis=1)
-        return np.trapezoid(v, corners, axis=0)
+        return trapezoid(v, corners, axis=0)
 
     def pose(self, time):
         """Return position and rotation of the body."""

@@ -181,6 +181,11 @@ def test_an_empty_stream_is_a_stream():
         assert (len(empty), empty.duration, len(empty.between(0, 9))) == (0, 0.0, 0)
 
 
+def test_a_time_near_the_largest_float_is_refused_without_overflow():
+    with pytest.raises(InputError, match="not a usable time"):
+        Events.from_arrays([0], [0], [1e305], [1], 4, 3, time_unit="s")
+
+
 _columns = hnp.arrays(
     dtype=st.one_of(
         hnp.integer_dtypes(), hnp.floating_dtypes(sizes=(32, 64)), hnp.boolean_dtypes()

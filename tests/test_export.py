@@ -15,7 +15,7 @@ seeds = st.integers(0, 2**32 - 1)
 
 def stored(seed):
     rng = np.random.default_rng(seed)
-    return export.StoredCalibration(Rotation.random(rng=rng).as_matrix(), float(rng.normal()))
+    return export.StoredCalibration(Rotation.random(None, rng).as_matrix(), float(rng.normal()))
 
 
 @pytest.mark.parametrize("form", export.FORMATS)

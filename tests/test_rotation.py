@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
+from scipy.integrate import trapezoid
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
@@ -125,8 +126,8 @@ def test_tukeys_reach_keeps_95_percent_efficiency_in_two_dimensions():
     u = np.linspace(0, reach, 100_001)
     density = np.exp(-u)  # half the square of a normal pair's length is exponential
     rest = 1 - u / reach
-    slope = np.trapezoid((rest**2 - 2 * u * rest / reach) * density, u)
-    square = np.trapezoid(rest**4 * u * density, u)
+    slope = trapezoid((rest**2 - 2 * u * rest / reach) * density, u)
+    square = trapezoid(rest**4 * u * density, u)
     assert slope**2 / square == pytest.approx(0.95, abs=0.003)
 
 
