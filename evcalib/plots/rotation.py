@@ -26,6 +26,9 @@ LOOKS = {
 }
 """Colour, marker and line of each loss where all of them stand in one panel."""
 
+APART = 1.35
+"""Names of lines stand at least by this factor apart on a logarithmic axis."""
+
 TOP = 3.0
 """Highest relative weight that is drawn in its place."""
 
@@ -121,12 +124,15 @@ def draw_breakdown(
     errors : mapping of str to sequence of float
         By the name of the loss, its error at each share [deg].
     """
-    for name, values in errors.items():
+    at, place = 100 * np.array(shares), 0.0
+    for name, values in sorted(errors.items(), key=lambda item: item[1][-1]):
         color, look = LOOKS[name]
-        ax.semilogy([100 * share for share in shares], values, look, ms=5, color=color)
-        ax.text(100 * shares[-1] + 2, values[-1], name, color=color, va="center", fontweight="bold")
-    ax.set_xlim(0, 100 * shares[-1] + 14)
-    ax.set_xticks([100 * share for share in shares])
+        ax.semilogy(at, values, look, ms=5, color=color)
+        place = max(values[-1], APART * place)
+        ax.text(at[-1] + 2, place, name, color=color, va="center", fontweight="bold")
+    ax.set_xlim(0, at[-1] + 14)
+    ax.set_ylim(top=1.4 * place)
+    ax.set_xticks(at)
     ax.set_yticks([1, 3, 10, 30], ["1", "3", "10", "30"])
     ax.set_yticks([], minor=True)
     style.label(ax, "random headings [%]", "median error [deg]")
