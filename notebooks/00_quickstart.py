@@ -1,28 +1,34 @@
 # %% [markdown]
 # # 0. Quickstart: a calibration in five minutes
 #
-# **For whom.** You have a vehicle that can drive in any direction, an event camera on it, and a
-# recording of both. You want to know how the camera sits and how far its clock is off.
+# **For whom.** You have a vehicle that can drive in any direction, an event camera mounted on it,
+# and a recording of both. You want to know how the camera is mounted, and by how much its clock
+# differs from the vehicle's.
 #
 # **What you will be able to do.**
 #
-# 1. calibrate a recording with one call, or one command,
+# 1. calibrate a recording with one call, or with one command,
 # 2. read the pictures of the report, and tell a good calibration from a bad one,
 # 3. hand the result on to ROS, Kalibr or a URDF,
-# 4. plan a drive that makes the calibration work, and know its precision before you drive it.
+# 4. plan a drive, and know how exact the calibration will be before you drive it.
 #
-# **Required knowledge.** None; how it works is told in notebooks 1 to 6. **Time.** 5 minutes for
-# the calibration, 15 for the planning.
+# **Required knowledge.** None. Notebooks 1 to 6 tell how it works.
 #
-# Two things are sought, the *offset* between the two clocks and the *rotation* of the camera:
+# **Time.** 20 minutes: 10 of reading, 10 of playing with the drive designer.
+#
+# The question: how do the camera's clock and axes relate to those of the vehicle? The answer has
+# two parts, the *offset* between the clocks and the *rotation* between the axes:
 #
 # $$t_\text{body} = t_\text{cam} + \text{offset}, \qquad
 # \mathbf v_\text{body} = R_\text{body,cam}\, \mathbf v_\text{cam}. \tag{1}$$
 #
-# The camera frame has X to the right, Y down, Z along the optical axis; the body frame X forward, Y
-# to the left, Z up.
+# The rotation is what the paper calls $R_{oe}$; the sign of the offset is that of its Algorithm 1.
+# The camera's axes are X to the right, Y down and Z along the optical axis. The body's axes are X
+# forward, Y to the left and Z up.
 
 # %%
+import tempfile
+import textwrap
 from pathlib import Path
 
 import matplotlib.pyplot as plt
@@ -30,10 +36,9 @@ import numpy as np
 from IPython.display import Image
 
 import evcalib
-from data_tools.export import read_calibration
+from data_tools.export import export, read_calibration, write_calibration
 from data_tools.headings import open_with_camera
 from data_tools.velocity_sources import read_body_velocities
-from evcalib.geometry import rotation_angle
 from evcalib.plots import style
 
 style.use()
@@ -42,22 +47,25 @@ style.use()
 # ## A recording
 #
 # A drive leaves four files: the events, the camera's intrinsics, the log of the wheels, and a
-# description of the vehicle. These are simulated, 12 s of a vehicle that sweeps left and right
-# through a furnished room, seen by a small camera (120 x 90 pixels). Nothing else is known: no
-# target, no map, no trajectory.
+# description of the vehicle. Those used here are simulated: for 12 s a vehicle sweeps left and
+# right through a furnished room, and a small camera of 120 x 90 pixels looks on. Nothing else is
+# given. There is no calibration target, no map and no known trajectory.
 
 # %%
 home = Path("data/sweep")
 events, camera = open_with_camera(home / "events.h5", home / "calib.txt")
 wheels = read_body_velocities(home / "wheels.csv", vehicle=home / "vehicle.yaml").wheels
 print(f"{sum(map(len, events))} events of {events.width} x {events.height} pixels")
-print(f"{wheels.rows} rows of {wheels.velocities.t[-1]:.1f} s of wheel states")
+print(f"{wheels.rows} rows of wheel states, {wheels.velocities.t[-1]:.1f} s")
 
 # %% [markdown]
-# `events` yields pieces of the recording, so that hours of it fit into memory. Other formats
+# `events` hands out the recording piece by piece, so hours of it need little memory. Other formats
 # (AEDAT4, EVT2 and EVT3, ROS bags, text) are opened in the same way.
 #
 # ## One call
+#
+# It takes a few seconds. The first thing to look at is not a number but the *verdict*: did this
+# drive contain the answer at all?
 
 # %%
 run = evcalib.calibrate(events, camera, wheels)
@@ -68,11 +76,12 @@ assert found.offset_observable
 assert found.rotation_observable
 
 # %% [markdown]
-# Before any number comes the verdict: did this drive contain the answer? Here it did. Since the
-# recording is simulated, the truth is known, and we can see what the numbers and their stated
-# errors are worth:
+# It did. The recording is simulated, so we know the true offset and rotation, and can see what the
+# numbers and their stated errors are worth:
 
 # %%
+from evcalib.geometry import rotation_angle
+
 truth = read_calibration(home / "truth.yaml")
 late = found.offset - truth.offset
 turned = rotation_angle(found.R_body_cam, truth.R_body_cam)
@@ -86,17 +95,20 @@ assert low < truth.offset < high
 assert turned < found.rotation_radius
 
 # %% [markdown]
-# That is it. The asserts hold what matters most: the truth lies within the stated 95 % intervals.
-# One drive proves little, of course: three more of this kind were 1 to 9 ms off, as 12 s from a
-# tiny camera allow. Notebook 6 shows many, from a camera of usual size.
+# That was the calibration. The asserts check what matters most: the truth lies within the stated
+# 95 % intervals. One drive proves little, of course. Three more drives of this kind were 1 to 9 ms
+# off, which is what 12 s from a tiny camera allow; notebook 6 shows many drives, seen by cameras of
+# the usual size.
 #
-# ## The report's pictures
+# ## The pictures of the report
 #
-# The same pictures are in `report.html`, which the command line writes. Three of them tell nearly
-# everything (the others show residuals, lost headings, matches and the event rate). First, the two
-# streams as they came: the camera's headings as if it looked straight ahead, and the vehicle's
-# direction of travel. **See:** one shape, twice. It is moved sideways by the offset, and up or down
-# by the mounting.
+# The command line writes a page `report.html` with eight pictures. Three of them tell nearly
+# everything, and the same function draws them here. The first shows both streams before the
+# calibration: the camera's *headings* (its directions of motion), as if the camera looked straight
+# ahead, and the vehicle's direction of travel, each on its own clock.
+#
+# **See:** the upper panel shows one shape twice. The camera's copy is moved sideways by the offset,
+# and bent and moved up and down by the mounting.
 
 # %%
 from evcalib.plots.report import report_figures
@@ -105,16 +117,22 @@ figures = report_figures(run)
 Image(style.png(figures["unaligned"], dpi=110))
 
 # %% [markdown]
-# After the calibration the dots must lie *on* the line. **See:** they do, in both panels; a few
-# outliers are marked. A slow wave in the lower panel would mean that the vehicle pitches, or that
-# the camera's own intrinsics are off.
+# The second shows the same streams after the calibration, on the camera's clock and in the axes of
+# the body.
+#
+# **See:** the dots now lie *on* the line, in both panels, and the few outliers are purple. In a
+# recording of your own, look for a slow wave in the lower panel: it would mean that the vehicle
+# pitches, or that the camera's intrinsics are wrong.
 
 # %%
 Image(style.png(figures["directions"], dpi=110))
 
 # %% [markdown]
-# And every offset was tried. **See:** there is one peak within the search, not several of the same
-# height, and its tip (right) is sharp enough for the green interval.
+# The third shows how well each offset that was tried explains the recording: left the whole search,
+# right its top.
+#
+# **See:** there is a single peak. Several peaks of the same height would mean that the drive
+# repeats itself. The green band is the 95 % interval.
 
 # %%
 Image(style.png(figures["correlation"], dpi=110))
@@ -122,14 +140,10 @@ Image(style.png(figures["correlation"], dpi=110))
 # %% [markdown]
 # ## What to do with the result
 #
-# `write_calibration` stores everything, the verdict and the uncertainty included. `export` turns it
-# into what other tools read: Kalibr's camchain, a ROS transform, a URDF joint.
+# `write_calibration` stores the calibration with its verdict and its uncertainty. `export` turns it
+# into what other tools read: Kalibr's camchain, a ROS transform, or a URDF joint.
 
 # %%
-import tempfile
-
-from data_tools.export import export, write_calibration
-
 folder = Path(tempfile.mkdtemp())
 write_calibration(folder / "calibration.yaml", found)
 stored = read_calibration(folder / "calibration.yaml")
@@ -138,7 +152,8 @@ for line in export(stored, "ros-tf").splitlines():
         print(line)
 
 # %% [markdown]
-# The translation is zero, and a comment in the file says why: directions do not show the lever arm.
+# The translation is zero, and a comment in the file says why: directions of motion do not show
+# where on the vehicle the camera sits.
 #
 # **On the command line** the same is
 #
@@ -148,100 +163,105 @@ for line in export(stored, "ros-tf").splitlines():
 # evcalib export result/calibration.yaml --to ros-tf
 # ```
 #
-# and `result/` holds `calibration.yaml`, the headings and velocities as tables, and `report.html`.
-# The exit code is 0 if the drive told both, 2 for bad input, and 3 if the motion cannot answer.
+# The folder `result` then holds `calibration.yaml`, the headings and velocities as tables, and
+# `report.html`. The exit code is 0 if the drive told both parts, 2 for bad input, and 3 if the
+# motion cannot answer.
 #
 # ## How to drive
 #
-# A calibration is as good as its drive. Two questions decide:
+# A calibration is as good as its drive. Two questions decide.
 #
-# - **Could the drive be taken for itself, some time later?** Then no method can find the offset. On
-#   a straight line at constant speed every moment is like every other. On an arc, too: half a
-#   second later is the same, turned, and the unknown rotation takes the turn. A fast zigzag is like
-#   itself half a period on.
-# - **Does it go in different directions?** The camera's roll about a line of travel does not show
-#   on that line.
+# **Does the drive look like itself some time later?** Then no method can find the offset. On a
+# straight line at constant speed every moment is like every other. An arc is no better: half a
+# second later it is the same arc, turned, and since the rotation of the camera is unknown too, it
+# takes the blame. A fast zigzag looks like itself half a period later.
 #
-# The first question has a number. With the velocities as complex numbers $v(t) = v_x + i\,v_y$, let
-# the *likeness* of the drive and itself at a shift $s$ be
+# **Does the drive go in different directions?** If the vehicle only drives forward, the camera may
+# be rolled about the forward axis by any angle, and it will see the same headings.
+#
+# The first question has a number. Write the velocities as complex numbers,
+# $v(t) = v_x + i\,v_y$. Then the *likeness* of the drive to itself after a shift $s$ is
 #
 # $$L(s) = \frac{\max\bigl(\lvert\sum \bar v(t)\,v(t+s)\rvert,\;
 # \lvert\sum v(t)\,v(t+s)\rvert\bigr)}{\sqrt{\sum\lvert v(t)\rvert^2 \sum\lvert v(t+s)\rvert^2}}.
 # \tag{2}$$
 #
-# Taking the modulus allows for any turn about the vertical, and the second sum for a camera that is
-# turned over, which exchanges left and right. $L = 1$ means: cannot be told apart.
+# The absolute value allows for any turn about the vertical. The second sum allows for a camera that
+# is turned over, which exchanges left and right. $L = 1$ means that the two cannot be told apart.
+# (This measure is ours; the paper has none.)
+#
+# The function below plans a drive from four numbers: how far the direction swings, how fast, at
+# what speed, for how long.
 
 # %%
 from data_tools.plans import PLANS
-from evcalib.design import predict, self_likeness
-from evcalib.plots.design import draw_course, draw_likeness
+from evcalib.design import predict
 from evcalib.series import VelocitySeries
 
 
 def plan(motion, swing=45.0, period=6.0, speed=0.5, duration=16.0):
+    """Return a planned drive, as if its wheels had been logged at 50 Hz."""
     drive = PLANS[motion](swing, period, speed, duration)
     t = np.arange(0.0, duration, 0.02)
     return VelocitySeries(t, drive.velocity(t))
 
 
 # %% [markdown]
-# **See:** above, four drives from above; below, their likeness to themselves. Straight line and arc
-# stay at 1 for every shift. The S-curve falls off by its changing direction. The fingers (out and
-# back in three directions, as in the paper) fall off whether or not speeds are looked at; but see
-# the prediction further down.
+# Four drives, seen from above (the dot is the start), and below each its likeness to itself.
+#
+# **See:** straight line and arc stay at 1 for every shift: they cannot show the offset. The S-curve
+# falls off on both sides, because its direction changes. So do the fingers, which go out and back
+# in three directions, as in the paper's experiments. Above the grey dotted line a second peak would
+# be taken for the first.
 
 # %%
+from evcalib.plots.design import draw_plans
+
 motions = ("straight", "arc", "fingers", "S-curve")
-figure, axes = plt.subplots(2, 4, figsize=(9.4, 4.6))
-for (top, bottom), motion in zip(axes.T, motions, strict=True):
-    drive = plan(motion)
-    forecast = predict(drive)
-    draw_course(top, drive)
-    draw_likeness(bottom, forecast, self_likeness(drive, forecast.shifts, speed=False))
-    top.set_title(motion)
-    if motion != "straight":
-        bottom.get_legend().remove()
-        style.label(top, "to the left [m]", "", title=motion)
-        bottom.set_ylabel("")
+drives = {motion: plan(motion) for motion in motions}
+forecasts = {motion: predict(drive) for motion, drive in drives.items()}
+figure = plt.figure(figsize=(9.4, 4.8))
+draw_plans(figure, {motion: (drives[motion], forecasts[motion]) for motion in motions})
 plt.show()
 
 # %% [markdown]
 # ### How exact will it be?
 #
-# Notebook 4 derives a bound that no method can beat (Cramér and Rao's): the more the rate of
-# turning changes, the better. `predict` computes it for any drive, for two kinds of measurement.
-# *Directions alone* is what headings tell. *With speeds* adds what corners tell that are seen again
-# and again: by how much further they move each time (notebook 6).
+# There is a smallest error that no method can beat, the *Cramér-Rao bound*; notebook 4 derives it.
+# `predict` computes it for any drive, for two kinds of measurement. *Directions alone* is what
+# headings tell. *With speeds* adds what the camera sees when it watches the same corner again and
+# again: whether it moves faster or slower than before (notebook 6).
 
 # %%
-for motion in motions:
-    both, alone = predict(plan(motion)), predict(plan(motion), speed=False)
+for motion, both in forecasts.items():
+    alone = predict(drives[motion], speed=False)
     print(
         f"{motion:8s} offset {1e3 * both.offset_sd:6.1f} ms, directions alone"
         f" {1e3 * alone.offset_sd:6.1f} ms; rotation {np.degrees(both.worst_axis_sd):6.2f} deg"
     )
 
 # %% [markdown]
-# (The rotation is that about its worst axis. A second, or 180 degrees, is what was known before the
-# drive: nothing.) The fingers are the interesting line. Along each finger the direction is
-# constant, and it changes while the vehicle stands and the camera sees nothing: locally, directions
-# know nothing of the offset. Speeds rise and fall at known times, and bring it to a few
-# milliseconds.
+# These are standard deviations, for the rotation about its worst axis. A thousand milliseconds and
+# 180 degrees are what was known before the drive, that is, nothing.
 #
-# The verdict in words:
+# The fingers are the interesting line. Along each finger the direction is constant. It changes only
+# while the vehicle stands still, and then the camera sees nothing. So directions alone know nothing
+# of the offset. But the vehicle speeds up and slows down at known times, and that brings the error
+# down to a few milliseconds.
+#
+# The same in words, with advice where it is needed:
 
 # %%
-for motion in motions:
-    print(f"{motion}: {predict(plan(motion)).summary}")
-print(predict(plan("arc")).advice[0])
+for motion, forecast in forecasts.items():
+    print(f"{motion}: {forecast.summary}")
+print(textwrap.fill("Advice for the arc: " + forecasts["arc"].advice[0], 90))
 
-assert predict(plan("S-curve")).offset_determined
-assert not predict(plan("arc")).offset_determined
+assert forecasts["S-curve"].offset_determined
+assert not forecasts["arc"].offset_determined
 
 # %% [markdown]
-# Nothing forces you to guess: a drive that *was* driven can be judged from its wheel log alone,
-# before anyone looks at an event. Ours:
+# A drive that has already been driven can be judged in the same way, from its wheel log alone,
+# before anyone looks at an event. Here is ours:
 
 # %%
 forecast = predict(wheels.velocities)
@@ -251,27 +271,34 @@ print(f"at best {1e3 * forecast.offset_sd:.1f} ms for 20 corners at 2.5 m, 200 p
 # %% [markdown]
 # ## Design a drive
 #
-# **See** in the static picture what the panel below shows: the course from above, direction and
-# speed over time, and the likeness (2).
+# Now plan one yourself. First as a static picture, what the panel below shows: the course from
+# above, direction and speed over time, and the likeness (2).
+#
+# **See:** this fast zigzag has three peaks, as high as each other. Shifted by 0.75 s, half its
+# period, left and right are exchanged, and a camera that is turned over would see just the same.
 
 # %%
-from evcalib.plots.design import draw_design
+from evcalib.design import self_likeness
+from evcalib.plots.design import design_axes, draw_design
 
-figure = style.new_figure((9.4, 3.2))
 drive = plan("zigzag", period=1.5)
 forecast = predict(drive)
-draw_design(figure, drive, forecast, self_likeness(drive, forecast.shifts, speed=False))
+figure = plt.figure(figsize=(9.4, 3.2))
+draw_design(
+    design_axes(figure), drive, forecast, self_likeness(drive, forecast.shifts, speed=False)
+)
 print(forecast.summary, "It repeats itself." if forecast.repeats else "")
-Image(style.png(figure, dpi=110))
+plt.show()
 
 # %% [markdown]
-# Your turn:
+# **Your turn.**
 #
-# 1. *S-curve*: how small may the swing be until the offset is worse than 5 ms?
-# 2. *fingers*: compare the two rows of the table. Then raise the period: what do slow fingers cost?
-# 3. *zigzag*: lower the period until the verdict changes. Mend it with the *search* slider, without
-#    touching the drive.
-# 4. *arc*: is there any setting that works?
+# 1. *S-curve*: lower the swing until the offset is worse than 5 ms. How small is it then?
+# 2. *zigzag*: lower the period until the table says *repeats*. Then make the drive work again with
+#    the slider *search*, without touching the drive.
+# 3. *fingers*: compare the two rows of the table. Then raise the period: what do slow fingers cost?
+# 4. *way points*: draw a drive of less than 10 s that shows the offset to 2 ms, from directions
+#    alone. The play button drives it for you.
 
 # %%
 from evcalib.widgets.designer import DriveDesigner
@@ -279,9 +306,10 @@ from evcalib.widgets.designer import DriveDesigner
 DriveDesigner(PLANS)
 
 # %% [markdown]
-# **Rules of thumb.** Keep the body's heading, and let the direction of travel swing by 30 degrees
-# or more every few seconds; vary the speed; 15 s or more; some texture within a few metres; and a
-# rough idea of the offset, so that the search stays below half a period of the motion.
+# **Rules of thumb.** Keep the heading of the body, and let the direction of travel swing by 30
+# degrees or more every few seconds. Vary the speed. Drive for 15 s or more, with some texture
+# within a few metres. And know the offset roughly, so that the search stays below half a period of
+# the motion.
 #
 # ## Exercises
 #
@@ -290,12 +318,17 @@ DriveDesigner(PLANS)
 #
 # <details><summary>Solution</summary>
 #
-# Four times the information, half the standard deviation, until the floor of about a millisecond
-# that all sightings share. Twice as fast along the same path is half the period *and* twice the
-# speed, for half the time: rates of turning double (four times the information), displacements
-# double (another four), the time halves. In all about $\sqrt 8$ times better. Check:
-# `predict(plan("S-curve", duration=64.0))` and `predict(plan("S-curve", period=3.0, speed=1.0,
-# duration=8.0))`.
+# Four times the time is four times the information, which would halve the standard deviation. But
+# `predict` goes only from 1.7 to 1.6 ms. It adds an error of 1.5 ms that all sightings of a drive
+# share and that does not average out. What is left when its square is taken away does halve, from
+# 0.85 to 0.42 ms.
+#
+# Twice as fast along the same path means half the period and twice the speed, for half the time.
+# Rates of turning double, which is four times the information; displacements double, which is
+# another four times; the time halves. In all that is $\sqrt 8 = 2.8$ times better. The bound says
+# 0.32 ms, 2.7 times better, beside the 1.5 ms that stay. Check with
+# `predict(plan("S-curve", duration=64.0))` and
+# `predict(plan("S-curve", period=3.0, speed=1.0, duration=8.0))`.
 #
 # </details>
 #
@@ -303,16 +336,16 @@ DriveDesigner(PLANS)
 #
 # <details><summary>Solution</summary>
 #
-# The offset, by the speeds; and of the rotation all but the part about the line itself. In (2) the
-# speeds make $L(s)$ fall off, though all directions are equal.
+# The offset, by its speeds: they make $L(s)$ in (2) fall off, though all directions are equal. Of
+# the rotation it shows all but the roll about the line itself.
 #
 # </details>
 #
-# **3.** Why can a longer search make a calibration *fail* that worked before?
+# **3.** Why can a longer search make a calibration fail that worked before?
 #
 # <details><summary>Solution</summary>
 #
-# If the motion repeats itself with period $P$, the search holds only one answer as long as it stays
+# If the motion repeats itself with period $P$, there is one answer only as long as the search stays
 # within $\pm P/2$ (or $\pm P/4$ if left and right are alike, as in a zigzag). Beyond, there is a
 # second offset that fits as well, and an honest tool has to say so.
 #
@@ -320,11 +353,17 @@ DriveDesigner(PLANS)
 #
 # ## In the library
 #
-# - `evcalib.calibrate`, `evcalib.pipeline`: the whole chain; `CalibrationRun` is all it returns.
-# - `evcalib.design`: `predict`, `self_likeness`, `Viewing`; `evcalib.widgets.designer`.
-# - `evcalib.plots.report.report_figures`, `evcalib.report.report_html`: pictures and page.
-# - `data_tools.recordings.open_recording`, `data_tools.velocity_sources`: what can be read.
-# - `evcalib calibrate --help`, `evcalib export --help`, `evcalib info RECORDING`.
+# - [`evcalib.calibrate`](../evcalib/pipeline.py): the whole chain in one call; what it returns is a
+#   [`CalibrationRun`](../evcalib/run.py).
+# - [`evcalib.design.predict`](../evcalib/design.py) and `self_likeness`: what a drive will tell.
+# - [`evcalib.waypoints.drive_through`](../evcalib/waypoints.py): a drive along your own way points.
+# - [`evcalib.plots.report.report_figures`](../evcalib/plots/report.py) and
+#   [`evcalib.report`](../evcalib/report.py): the pictures, and the page that holds them.
+# - [`evcalib.widgets.designer.DriveDesigner`](../evcalib/widgets/designer.py): the panel above.
+# - [`data_tools.recordings`](../data_tools/recordings.py),
+#   [`data_tools.velocity_sources`](../data_tools/velocity_sources.py) and
+#   [`data_tools.export`](../data_tools/export.py): what can be read and written.
+# - On the command line: `evcalib calibrate --help`, `evcalib export --help`, `evcalib info --help`.
 #
-# **Next:** notebooks 1 to 5 build the chain from the events up. Notebook 6 opens up the call that
-# you have just made.
+# **Next:** [notebook 1](01_representations.ipynb) starts the chain at its beginning, with what an
+# event is. ([Notebook 6](06_full_calibration.ipynb) opens up the call that you have just made.)

@@ -64,6 +64,7 @@ def make_recordings() -> None:
         for path in write_demo(HERE / motion, drive).values():
             print(f"{path.relative_to(HERE)}: {path.stat().st_size / 1000:.0f} kB")
         truth = {"R_body_cam": drive.R_body_cam.tolist(), "offset_s": drive.offset}
+        truth |= {"offset_observable": True, "rotation_observable": True}
         (HERE / motion / "truth.yaml").write_text(yaml.safe_dump(truth), encoding="ascii")
 
 

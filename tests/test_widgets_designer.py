@@ -2,6 +2,8 @@
 
 import itertools
 import re
+import time
+from concurrent.futures import ThreadPoolExecutor
 
 import cv2
 import numpy as np
@@ -23,7 +25,7 @@ def panel():
 def quiet(monkeypatch):
     """Return a designer that shows its numbers without drawing, which takes most of the time."""
     monkeypatch.setattr(DriveDesigner, "draw", lambda *arguments: None)
-    monkeypatch.setattr(DriveDesigner, "_show_moment", lambda *arguments: None)
+    monkeypatch.setattr(DriveDesigner, "_mark", lambda *arguments: None)
     return DriveDesigner(PLANS)
 
 
@@ -133,10 +135,29 @@ def test_only_the_controls_of_the_motion_are_shown(quiet):
 def test_reset_brings_the_first_picture_back(panel):
     first, words = panel.picture.value, panel.numbers.value
     panel.motion.value, panel.swing.value, panel.focal.value = "fingers", 90.0, 500.0
+    panel.time.value = 60
     assert panel.picture.value != first
     panel.reset.click()
     assert panel.picture.value == first
     assert panel.numbers.value == words
+
+
+def test_callbacks_of_two_threads_draw_one_after_the_other(quiet, monkeypatch):
+    """JupyterLab lets callbacks of widgets run in subshells, which are threads."""
+    inside, seen = [], []
+
+    def draw(*arguments):
+        inside.append(True)
+        time.sleep(0.01)
+        seen.append(len(inside))
+        inside.pop()
+
+    monkeypatch.setattr(quiet, "draw", draw)
+    with ThreadPoolExecutor(2) as pool:
+        for value in (1.0, 2.0, 3.0, 4.0):
+            pool.submit(setattr, quiet.period, "value", value)
+            pool.submit(setattr, quiet.speed, "value", value / 2)
+    assert seen == [1] * 8
 
 
 def test_without_motions_there_is_nothing_to_design():

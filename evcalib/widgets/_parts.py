@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from threading import RLock
 from typing import Any
 
 import cv2
@@ -21,6 +22,9 @@ DPI = 90
 """Of the pictures in panels, so that the widest have room beside JupyterLab's file browser."""
 
 Picture = NDArray[np.uint8]
+
+_DRAWING = RLock()
+"""Callbacks may come in several threads (subshells of the kernel); figures stand one at a time."""
 
 
 def slider(
@@ -67,6 +71,7 @@ def bare_figure(size: tuple[float, float], **margins: float) -> Figure:
     To find margins that fit is what takes longest in a figure with constrained layout.
     """
     figure = Figure(figsize=size, dpi=DPI)
+    figure.set_layout_engine("none")
     figure.subplots_adjust(**margins)
     FigureCanvasAgg(figure)
     return figure
@@ -116,16 +121,37 @@ class Panel(widgets.VBox):
         super().__init__()
         self.reset = widgets.Button(description="reset", icon="undo", layout={"width": "90px"})
 
-    def _start(self, controls: Sequence[Any], children: Sequence[widgets.Widget]) -> None:
-        """Show the children, draw, and draw again whenever a control changes."""
-        self._controls = tuple(controls)
+    def _start(
+        self,
+        controls: Sequence[Any],
+        children: Sequence[widgets.Widget],
+        *,
+        marks: Sequence[Any] = (),
+    ) -> None:
+        """Show the children, draw, and draw again whenever a control changes.
+
+        Parameters
+        ----------
+        controls : sequence of Widget
+            Have a value, and what is drawn depends on it.
+        children : sequence of Widget
+            Of the panel, from top to bottom.
+        marks : sequence of Widget
+            Have a value on which only marks on the picture depend; see `_mark`.
+        """
+        self._controls = (*controls, *marks)
         self._first = [control.value for control in self._controls]
         self._held = False
         self.reset.on_click(lambda button: self.restart())
-        for control in self._controls:
+        for control in controls:
             control.observe(lambda change: self._changed(), names="value")
+        for control in marks:
+            control.observe(lambda change: self._changed(self._mark), names="value")
+        for child in children:
+            if isinstance(child, widgets.Image):
+                child.layout.align_self, child.layout.max_width = "flex-start", "100%"
         self.children = tuple(children)
-        self._draw()
+        self._changed()
 
     def restart(self) -> None:
         """Set all controls to what they were at first."""
@@ -141,11 +167,16 @@ class Panel(widgets.VBox):
             yield
         finally:
             self._held = False
-        self._draw()
+        self._changed()
 
-    def _changed(self) -> None:
-        if not self._held:
-            self._draw()
+    def _changed(self, draw: Callable[[], None] | None = None) -> None:
+        if self._held:
+            return
+        with _DRAWING:
+            (draw or self._draw)()
 
     def _draw(self) -> None:
+        raise NotImplementedError
+
+    def _mark(self) -> None:
         raise NotImplementedError

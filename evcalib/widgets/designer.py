@@ -9,6 +9,7 @@ from typing import Protocol
 import cv2
 import ipywidgets as widgets
 import numpy as np
+from numpy.typing import NDArray
 
 from evcalib.design import Prediction, Viewing, predict
 from evcalib.errors import InputError
@@ -98,9 +99,8 @@ class DriveDesigner(Panel):
         self._figure = bare_figure((9.6, 3.1), **margins)
         with style.context():
             self._axes = design_axes(self._figure)
-        self.time.observe(lambda change: self._show_moment(), names="value")
         controls = (self.motion, *self._sliders, *self._camera, self.points, self.leg)
-        self._start(controls, self._rows())
+        self._start(controls, self._rows(), marks=[self.time])
 
     def drive(self) -> VelocitySeries:
         """Return the drive as the controls have it."""
@@ -131,6 +131,9 @@ class DriveDesigner(Panel):
         wipe(self._axes)
         with style.context():
             draw_design(self._axes, drive, full, alone.likeness)
+            if self.motion.value == OWN:
+                forward, left = self._next_points().T
+                self._axes[0].plot(left, forward, "o", ms=4, mfc="none", color=style.MUTED)
         picture = pixels(self._figure)
         at, direction, speed, _ = self._axes
         places = at.transData.transform(course(drive)[:, ::-1])
@@ -168,8 +171,8 @@ class DriveDesigner(Panel):
             cells = [_milliseconds(found), *(_degrees(x) for x in found.rotation_sd)]
             row = "".join(f"<td style='{_CELL}'>{cell}</td>" for cell in (name, *cells))
             body += f"<tr>{row}</tr>"
-        title = "predicted standard deviation of the offset and of the rotation about each axis"
-        return f"{verdict}<table><caption>{title}</caption><tr>{head}</tr>{body}</table>"
+        title = "Predicted standard deviation of the offset, and of the rotation about each axis:"
+        return f"{verdict}{title}<table><tr>{head}</tr>{body}</table>"
 
     def _pad(self) -> widgets.GridBox:
         self.pad = {}
@@ -185,9 +188,9 @@ class DriveDesigner(Panel):
 
     def _text(self) -> widgets.HBox:
         note = widgets.HTML(
-            "<div style='line-height:1.4; width:420px'>Press the arrows to add a leg, or edit the"
-            " way points as text: forward and to the left in metres, one per line. The same point"
-            " twice is a pause of a second.</div>"
+            "<div style='line-height:1.4; width:420px'>Press the arrows to add a leg (it ends at"
+            " one of the grey rings), or edit the way points as text: forward and to the left in"
+            " metres, one per line. The same point twice is a pause of a second.</div>"
         )
         return widgets.HBox([self.points, widgets.VBox([note, self.leg])])
 
@@ -223,6 +226,13 @@ class DriveDesigner(Panel):
             points = np.vstack([points.reshape(-1, 2), last + leg])
         self.points.value = "\n".join(f"{x:.4g} {y:.4g}" for x, y in np.round(points, 2) + 0.0)
 
+    def _next_points(self) -> NDArray[np.float64]:
+        """Return where the arrows of the pad lead to, seen from the start of the drive."""
+        points = read_way_points(self.points.value)
+        ways = np.array([way for way in PAD.values() if any(way)], dtype=np.float64)
+        legs = self.leg.value * ways / np.linalg.norm(ways, axis=1, keepdims=True)
+        return np.asarray(points[-1] - points[0] + legs)
+
     def _draw(self) -> None:
         own = self.motion.value == OWN
         self._tools.layout.display = "" if own else "none"
@@ -236,9 +246,9 @@ class DriveDesigner(Panel):
             return
         self._bare = self.draw(drive, full, alone)
         self.numbers.value = self.table(full, alone)
-        self._show_moment()
+        self._mark()
 
-    def _show_moment(self) -> None:
+    def _mark(self) -> None:
         self.picture.value = encode(self.with_moment(self._bare))
 
 
