@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
 from evcalib.events import Events
@@ -62,6 +63,38 @@ def draw_surface(
     ax.grid(visible=False)
 
 
+def draw_surfaces(
+    figure: Figure,
+    images: Mapping[str, NDArray],
+    corners: ArrayLike | None = None,
+    *,
+    part: tuple[int, int, int, int] | None = None,
+) -> None:
+    """Draw a picture and five surfaces, or other six images, in two rows.
+
+    Parameters
+    ----------
+    figure : Figure
+        Empty.
+    images : mapping of str to ndarray, shape (height, width)
+        What to show, by title.
+    corners, part
+        As of `draw_surface`.
+    """
+    axes = figure.subplots(2, -(-len(images) // 2)).flat
+    for ax, (name, image) in zip(axes, images.items(), strict=False):
+        draw_surface(ax, image, corners, title=name, part=part)
+
+
+def draw_rows_of_time(axes: Sequence[Axes], recordings: Mapping[str, Events], row: int) -> None:
+    """Draw the middle of one row of pixels over time for several recordings, with titles."""
+    for ax, (name, events) in zip(axes, recordings.items(), strict=True):
+        draw_row_of_time(ax, events, row)
+        edge = events.width // 16
+        ax.set_xlim(edge, 9 * edge)
+        ax.set_title(name)
+
+
 def draw_row_of_time(ax: Axes, events: Events, row: int) -> None:
     """Draw the events of one row of pixels over column and time, ON and OFF apart."""
     here = events.y == row
@@ -70,7 +103,7 @@ def draw_row_of_time(ax: Axes, events: Events, row: int) -> None:
         (False, style.MUTED, "v", "OFF: darker"),
     ):
         some = here & (events.p == on)
-        ax.plot(events.x[some], 1e-6 * events.t[some], marker, ms=2.4, color=color, label=name)
+        ax.plot(events.x[some], 1e-6 * events.t[some], marker, ms=2.8, color=color, label=name)
     ax.set_xlim(-0.5, events.width - 0.5)
     ax.set_ylim(1e-6 * float(events.t[0]), 1e-6 * float(events.t[-1]))
     style.label(ax, "column [px]", "time [s]")
