@@ -70,8 +70,7 @@ def bare_figure(size: tuple[float, float], **margins: float) -> Figure:
 
     To find margins that fit is what takes longest in a figure with constrained layout.
     """
-    figure = Figure(figsize=size, dpi=DPI)
-    figure.set_layout_engine("none")
+    figure = Figure(figsize=size, dpi=DPI, layout="none")
     figure.subplots_adjust(**margins)
     FigureCanvasAgg(figure)
     return figure
