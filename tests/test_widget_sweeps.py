@@ -20,6 +20,7 @@ from evcalib.camera import Camera
 from evcalib.events import Events
 from evcalib.geometry import unit
 from evcalib.kinematics import Swerve, Wheel
+from evcalib.plots import style
 from evcalib.widgets._parts import Panel
 from evcalib.widgets.cockpit import Cockpit, Recording
 from evcalib.widgets.designer import DriveDesigner
@@ -108,6 +109,14 @@ PANELS = {
 }
 
 
+@pytest.fixture
+def notebook():
+    """Set the style that each notebook uses, in which warnings are errors as everywhere here."""
+    with style.context():
+        yield
+
+
+@pytest.mark.usefixtures("notebook")
 @pytest.mark.parametrize("kind", PANELS, ids=lambda kind: kind.__name__)
 def test_no_place_and_no_order_breaks_a_panel(kind):
     panel = PANELS[kind]()

@@ -1,8 +1,8 @@
 """Move every control of a panel through the ends of its range, in any order, without a browser.
 
-Values arrive as the browser sends them (`set_state`), inside the style of the notebooks.  After
-each move the panel must still show whole pictures and numbers.  ipywidgets keeps the error of a
-callback of a button, or of `interact`, to itself and logs it: the sweep listens.
+Values arrive as the browser sends them (`set_state`).  After each move the panel must still show
+whole pictures and numbers.  ipywidgets keeps the error of a callback of a button, or of `interact`,
+to itself and logs it: the sweep listens.
 """
 
 import logging
@@ -13,8 +13,6 @@ from contextlib import contextmanager
 import cv2
 import ipywidgets as widgets
 import numpy as np
-
-from evcalib.plots import style
 
 NONSENSE = ("", "nonsense", "0 0\n0 0", "nan inf", "1e308 1e308\n-1e308 0", "1 2\n" * 3000)
 """What a reader may leave in a field for text."""
@@ -81,7 +79,7 @@ def sweep(panel, *, steps: int = 0, seed: int = 0) -> int:
     around = [(control, place) for control in movable for place in places(control)]
     chances = (movable[k] for k in rng.integers(len(movable), size=steps))
     wander = ((control, rng.choice(places(control))) for control in chances)
-    with style.context(), _listening(panel) as heard:
+    with _listening(panel) as heard:
         look(panel)
         for control, place in (*around, *wander):
             if getattr(control, "disabled", False):

@@ -13,6 +13,8 @@ from playwright.sync_api import Locator, Page
 PANEL = ".jp-OutputArea-output:has(> .jupyter-widgets, > * > .jupyter-widgets)"
 PLAYING = 1_500
 """How long a play button is left on [ms]."""
+QUIET = 120
+"""A panel that has not changed for so long is done [ms]."""
 _PIXELS = "panel => probe.pixels(panel)"
 
 
@@ -45,6 +47,10 @@ class Report:
     pictures: int
     moves: list[Move] = field(default_factory=list)
 
+    def names(self) -> set[str]:
+        """Return the names of the controls that were moved."""
+        return {move.control for move in self.moves}
+
     def of(self, kind: str) -> list[Move]:
         """Return the moves of one kind of control."""
         return [move for move in self.moves if move.control.startswith(kind)]
@@ -59,8 +65,10 @@ def panels(page: Page) -> list[Locator]:
     return page.locator(PANEL).all()
 
 
-def exercise(panel: Locator, settle: Callable[[], None], *, patience: int = 5_000) -> Report:
-    """Move each slider, choice and box of a panel once, then press each button.
+def exercise(panel: Locator, settle: Callable[[], None], *, patience: int = 3_000) -> Report:
+    """Move all that can be seen and moved in a panel once, and press each button, reset last.
+
+    What a move brings to light or enables is moved in its turn.
 
     Parameters
     ----------
@@ -73,31 +81,49 @@ def exercise(panel: Locator, settle: Callable[[], None], *, patience: int = 5_00
     """
     panel.scroll_into_view_if_needed()
     report = Report(panel.locator("img, canvas").count())
-    for name, move in _controls(panel):
+    while todo := [item for item in _controls(panel) if item[0] not in report.names()]:
+        name, move = todo[0]
         pixels, words = panel.evaluate(_PIXELS), _words(panel)
         panel.evaluate("panel => probe.watch(panel)")
         move()
         settle()
         ms = panel.evaluate("(panel, patience) => probe.awaited(patience)", patience)
         settle()
+        panel.evaluate("(panel, quiet) => probe.steady(panel, quiet)", QUIET)
         changed = panel.evaluate(_PIXELS) != pixels
         report.moves.append(Move(name, ms and round(ms), changed, _words(panel) != words))
     return report
 
 
 def _controls(panel: Locator) -> Iterator[tuple[str, Callable[[], None]]]:
-    for slider in panel.locator(".widget-slider:has(.noUi-handle)").all():
+    """Yield the kind and name of each control that can be moved now, and what moves it."""
+    for slider in _seen(panel, ".widget-slider:has(.noUi-handle)"):
         handle = slider.locator(".noUi-handle").first
         yield f"slider {_name(slider)}", lambda handle=handle: _step(handle)
-    for choice in panel.locator(".widget-dropdown:has(select:enabled)").all():
+    for choice in _seen(panel, ".widget-dropdown:has(select:enabled)"):
         yield f"choice {_name(choice)}", lambda choice=choice: _next(choice.locator("select"))
-    for box in panel.locator("input[type=checkbox]:enabled").all():
+    for box in _seen(panel, "input[type=checkbox]:enabled"):
         name = box.locator("xpath=..").inner_text().strip()
         yield f"box {name}", lambda box=box: box.press("Space")
-    for play in panel.locator(".widget-play").all():
-        yield "play", lambda play=play: _play(play)
-    for button in panel.locator("button.widget-button:enabled").all():
-        yield f"button {button.inner_text().strip()}", lambda button=button: button.press("Enter")
+    for toggle in _seen(panel, "button.widget-toggle-button:enabled:not(.mod-active)"):
+        yield f"toggle {toggle.inner_text().strip()}", lambda toggle=toggle: toggle.press("Enter")
+    for title in _seen(panel, ".jupyter-widget-Collapse-header"):
+        yield f"fold {title.inner_text().strip()}", lambda title=title: title.click()
+    buttons = _seen(panel, "button.widget-button:enabled")
+    for button in sorted(buttons, key=lambda button: _label(button) == "reset"):
+        if _label(button) == "reset":
+            yield from _plays(panel)
+        yield f"button {_label(button)}", lambda button=button: button.press("Enter")
+    yield from _plays(panel)
+
+
+def _plays(panel: Locator) -> Iterator[tuple[str, Callable[[], None]]]:
+    for number, play in enumerate(_seen(panel, ".widget-play:has(button:enabled)")):
+        yield f"play {number}", lambda play=play: _play(play)
+
+
+def _seen(panel: Locator, selector: str) -> list[Locator]:
+    return [part for part in panel.locator(selector).all() if part.is_visible()]
 
 
 def _step(handle: Locator) -> None:
@@ -119,6 +145,10 @@ def _play(play: Locator) -> None:
     button.click()
     play.page.wait_for_timeout(PLAYING)
     button.click()
+
+
+def _label(button: Locator) -> str:
+    return button.inner_text().strip()
 
 
 def _name(control: Locator) -> str:

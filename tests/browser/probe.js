@@ -55,6 +55,17 @@ window.probe = (() => {
     return watched.ms;
   };
 
+  // Waits until pictures and words have not changed for a while [ms].
+  const steady = async (panel, quiet) => {
+    const look = () => `${glance(panel)}\n${panel.innerText}`;
+    let seen = look(), since = performance.now();
+    while (performance.now() - since < quiet) {
+      await new Promise(resolve => setTimeout(resolve, 20));
+      if (look() === seen) continue;
+      [seen, since] = [look(), performance.now()];
+    }
+  };
+
   // Every error and every line on stderr that a kernel sends, wherever Lab would show it.
   const complaints = [];
   const listen = kernel => kernel.iopubMessage.connect((_, { header, content }) => {
@@ -62,5 +73,5 @@ window.probe = (() => {
     if (header.msg_type === 'stream' && content.name === 'stderr') complaints.push(content.text);
   });
 
-  return { pixels, watch, awaited, listen, complaints };
+  return { pixels, watch, awaited, steady, listen, complaints };
 })();
