@@ -6,6 +6,7 @@ import csv
 from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,6 +69,30 @@ def read_table(path: str | Path, only: Collection[str] | None = None) -> Table:
             " number; correct or remove this row"
         )
     return Table(str(path), dict(zip(header, values.T.copy(), strict=True)), np.array(lines))
+
+
+def read_columns(path: str | Path) -> dict[str, NDArray[Any]]:
+    """Read a small table of labels and numbers, such as a study leaves.
+
+    Returns
+    -------
+    dict of str to ndarray, shape (n,)
+        By name: numbers where every cell is a number or empty (NaN), else text.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, or its rows do not fit its header.
+    """
+    header, rows, _ = _read_cells(path)
+    return {name: _column([row[k] for row in rows]) for k, name in enumerate(header)}
+
+
+def _column(cells: list[str]) -> NDArray[Any]:
+    try:
+        return np.array([float(cell) if cell.strip() else np.nan for cell in cells])
+    except ValueError:
+        return np.array(cells)
 
 
 def check_times(

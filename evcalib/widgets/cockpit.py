@@ -156,7 +156,7 @@ class Cockpit(Panel):
     def restart(self) -> None:
         """Take all sliders back to zero, and forget the solution and what was tried."""
         self._loaded = ""
-        self._draw()
+        self._changed()
 
     def _load(self) -> None:
         """Take up the recording that is chosen, with the sliders at zero."""
