@@ -70,7 +70,7 @@ def bare_figure(size: tuple[float, float], **margins: float) -> Figure:
 
     To find margins that fit is what takes longest in a figure with constrained layout.
     """
-    figure = Figure(figsize=size, dpi=DPI, layout="none")
+    figure = Figure(figsize=size, dpi=DPI, layout="none")  # type: ignore[arg-type]
     figure.subplots_adjust(**margins)
     FigureCanvasAgg(figure)
     return figure
