@@ -8,15 +8,22 @@
 #
 # 1. run each stage on its own, and judge it against the truth,
 # 2. say what a *track* of a corner knows that a heading does not,
-# 3. follow the joint refinement from its one equation to its error bars,
+# 3. follow the joint refinement from its two equations to its error bars,
 # 4. tell where a lag of milliseconds comes from when everything is measured by events, and what
 #    takes it out,
-# 5. calibrate by hand, and see why the computer is better at it.
+# 5. calibrate by hand, and see by how much the computer is better at it.
 #
-# **Required knowledge.** Notebooks 2 (headings), 4 (offset) and 5 (rotation). **Time.** 45 minutes.
+# **Required knowledge.** Notebooks 2 (headings), 4 (offset) and 5 (rotation). **Time.** 45 minutes:
+# 30 to read, 15 to play.
 #
-# The paper ends with the rotation of notebook 5. What is told here of tracks and lags goes beyond
-# it; equations are numbered on their own.
+# *What happens between raw events and a calibration, and what is the result worth?* The goal is the
+# one of the paper, an offset $t_d$ and a rotation $R$ such that
+#
+# $$\mathbf v_o(t + t_d) = R\,\mathbf v_e(t), \tag{1}$$
+#
+# with the vehicle's velocity $\mathbf v_o$ in the body frame and the direction $\mathbf v_e$ in
+# which the camera sees itself move. The paper ends with stage 2 below. Tracks, the joint refinement
+# and the cure for the lag (stages 3 and 4) go beyond it; all equations but (1) are ours.
 
 # %%
 from pathlib import Path
@@ -36,8 +43,9 @@ style.use()
 # %% [markdown]
 # ## Two drives
 #
-# The sweep of notebook 0, whose direction of travel swings without end; and *fingers*, as in the
-# paper: out and back along three directions, with pauses.
+# We use the *sweep* of notebook 0, whose direction of travel swings all the time, and *fingers*, as
+# in the paper: out and back along three directions, with pauses. Both are simulated, so that the
+# truth is known. A small class opens what a drive leaves:
 
 
 # %%
@@ -59,8 +67,9 @@ drives = {name: Drive(name) for name in ("sweep", "fingers")}
 # %% [markdown]
 # ## Stage 1: headings
 #
-# Notebook 2 in one call. This time we keep the correspondences behind the headings: they are what
-# the last stage lives on.
+# Notebook 2 in one call: the direction of the camera's motion, some 20 times per second. This time
+# we keep the correspondences behind the headings (which corner was seen where, and when): they are
+# what the last stage lives on.
 
 # %%
 estimates = {
@@ -75,8 +84,8 @@ for name, estimate in estimates.items():
     print(f"{name}: {len(headings)} headings, median error {np.degrees(np.median(off)):.2f} deg")
 
 # %% [markdown]
-# **See:** one row for each reason why a window has no heading. The fingers lose theirs in the
-# pauses, as they must: nothing moves, nothing is seen.
+# **See:** the top row are headings, the rows below windows of time without one, by reason. The
+# fingers lose theirs in the pauses, as they must: nothing moves, so nothing is seen.
 
 # %%
 from evcalib.plots.recording import draw_gaps
@@ -88,8 +97,8 @@ plt.show()
 # %% [markdown]
 # ## Stage 2: alignment
 #
-# Notebooks 4 and 5 in one call: the offset by the robust profile, the rotation by L1 and Tukey, the
-# tests of what is observable.
+# Notebooks 4 and 5 in one call: the offset by the robust score, the rotation by L1 and Tukey, and
+# the tests of what this drive can tell.
 
 # %%
 aligned = {name: align(estimates[name].headings, drives[name].velocities) for name in drives}
@@ -102,19 +111,19 @@ assert aligned["sweep"].offset_observable
 assert not aligned["fingers"].offset_observable
 
 # %% [markdown]
-# The fingers are refused. Notebook 4 says why: along a finger the direction is constant, so a
-# shifted finger is the same finger; and it changes in the pauses, when there are no headings to
-# notice. The rotation does not mind.
+# The offset of the fingers is refused. Notebook 4 says why: along a finger the direction is
+# constant, so a shifted finger is the same finger; and it changes in the pauses, when there are no
+# headings to notice. The rotation does not mind.
 #
 # Is the offset really not in the data? Look at the *speed* of the vehicle: it rises and falls along
-# every finger. A camera does not see speed, only speed over depth. But the depth of one corner does
-# not change much while it is watched, so whether it moves *faster or slower than before* is plain
-# to see.
+# every finger. A camera does not see speed, only speed over distance. But the distance of one
+# corner does not change much while it is watched, so whether it moves *faster or slower than
+# before* is plain to see.
 #
 # ## Stage 3: tracks
 #
-# A **track** is a corner at its first sighting (its *anchor*) and at all later ones: here up to 0.7
-# s of it.
+# A **track** is a corner at its first sighting (its *anchor*) and at all later ones, here over up
+# to 0.7 s.
 
 # %%
 from evcalib.tracks import tracks_of
@@ -125,10 +134,9 @@ for name, found in tracks.items():
     print(f"{name}: {len(found)} tracks, {long} of them with six sightings or more after the first")
 
 # %% [markdown]
-# Take a long track of the finger drive from the moment in which the vehicle starts. Wheels say how
-# far it came between two sightings, *if* the offset is known; one unknown factor, the corner's
-# distance, turns metres into pixels. Let us try the true offset, and two wrong ones, each with the
-# factor that suits it best:
+# Take a long track of the finger drive while the vehicle speeds up. The wheels say how far it came
+# between two sightings, *if* the offset is known. The track says how far the corner moved in the
+# image. (100 px is the focal length; for small angles the sine is the angle.)
 
 
 # %%
@@ -147,8 +155,8 @@ def sightings(tracks, k):
 
 
 # %% [markdown]
-# (100 px is the focal length, and small angles are their sines.) The model of a track is the way
-# since its first sighting, times the factor that fits best:
+# One unknown factor, which stands for the corner's distance, turns metres into pixels. So the model
+# of a track is the way since its first sighting, times the factor that fits best:
 
 
 # %%
@@ -162,9 +170,8 @@ def model(drive, start, t, seen, offset):
 
 
 # %% [markdown]
-# **See:** dots, the corner's displacement at each sighting. While the vehicle speeds up (left) or
-# slows down (right) the true offset (black) follows their bend. A clock that is 0.2 s early or late
-# bends too much or too little, whatever the distance.
+# We pick the two tracks that are bent most: one while the vehicle speeds up, one while it slows
+# down.
 
 # %%
 drive, found, true = drives["fingers"], tracks["fingers"], drives["fingers"].truth.offset
@@ -172,17 +179,29 @@ speeds = [
     np.interp(t + true, drive.track.t, drive.velocities.speed) for t in (found.start, found.end)
 ]
 bend = found.length * (speeds[1] - speeds[0])
+print(f"faster by {np.ptp([s[bend.argmax()] for s in speeds]):.2f} m/s,", end=" ")
+print(f"slower by {np.ptp([s[bend.argmin()] for s in speeds]):.2f} m/s")
+
+# %% [markdown]
+# **See:** dots, the corner's displacement at each sighting. Whether the vehicle speeds up (left) or
+# slows down (right), the true offset (black) follows their bend. A clock that is 0.2 s early or
+# late bends too much or too little, whatever the distance of the corner.
+
+# %%
 figure, axes = plt.subplots(1, 2, figsize=style.WIDE)
 for ax, k in zip(axes, (bend.argmax(), bend.argmin()), strict=True):
     start, t, seen = sightings(found, k)
     tried = {"true offset": 0.0, "0.2 s later": 0.2, "0.2 s earlier": -0.2}
     curves = {name: model(drive, start, t, seen, true + d) for name, d in tried.items()}
-    draw_growth(ax, t - start, seen, curves)
+    draw_growth(
+        ax, t - start, seen, curves, title="speeding up" if ax is axes[0] else "slowing down"
+    )
 plt.show()
 
 # %% [markdown]
-# One track is a hint. Some hundred of them are an answer. We sum the squared misfits of all long
-# tracks over candidate offsets, a method of a few lines:
+# One track is a hint. Some hundred of them are an answer. For each candidate offset we sum the
+# squared misfits of all long tracks (none counts more than 0.5, so that wild ones do no harm). A
+# method of a few lines:
 
 
 # %%
@@ -199,8 +218,8 @@ losses = np.array([misfit(drive, found, offset) for offset in candidates])
 print(f"best of 21 candidates: {candidates[losses.argmin()]:.2f} s, true {true:.2f} s")
 
 # %% [markdown]
-# And there is the offset that headings could not know. **See:** no ambiguity at all; a single
-# valley.
+# And there is the offset that headings could not know. **See:** one valley, and no other one nearly
+# as deep.
 
 # %%
 figure, ax = plt.subplots(figsize=style.SMALL)
@@ -214,18 +233,18 @@ plt.show()
 # ## The joint refinement
 #
 # The sketch above looks at lengths only. The real thing predicts each sighting as a point. Let
-# $\mathbf b$ be the bearing of the anchor, $\mathbf e_1, \mathbf e_2$ two axes across it, $\rho$
-# the inverse of the corner's distance, and
+# $\mathbf b$ be the bearing of the anchor (the unit vector towards the corner), $\mathbf e_1,
+# \mathbf e_2$ two axes across it, $\rho$ the inverse of the corner's distance, and
 #
 # $$\mathbf d_i = R^\top \int_{t_1 + t_d}^{t_i + t_d} \mathbf v_o(t)\,dt, \qquad
 # \mathbf a_i = (\mathbf e_1, \mathbf e_2)^\top \mathbf d_i, \qquad z_i = \mathbf b^\top \mathbf d_i
-# \tag{1}$$
+# \tag{2}$$
 #
 # the camera's displacement in its own frame, across and along the bearing. The corner sits at
 # $\mathbf b / \rho$, so it is seen along $\mathbf b - \rho\,\mathbf d_i$. On the plane that touches
 # the sphere at $\mathbf b$ that is the point
 #
-# $$\mathbf y_i = \frac{-\rho\,\mathbf a_i}{1 - \rho\,z_i}. \tag{2}$$
+# $$\mathbf y_i = \frac{-\rho\,\mathbf a_i}{1 - \rho\,z_i}. \tag{3}$$
 #
 # Let us check it on a corner at 2 m:
 
@@ -241,23 +260,25 @@ print("seen and predicted:", np.round(y, 4), np.round(predicted, 4))
 assert np.allclose(y, predicted)
 
 # %% [markdown]
-# Everything enters (2) at once: the *direction* of $\mathbf y$ tells the rotation, as headings do;
-# its *growth* from one sighting to the next tells the offset. Four unknowns are wanted (three of
-# the rotation, one offset), and each corner brings nuisances of its own: its $\rho$, and the error
-# of the anchor, which shifts all sightings of the track alike. For given $R$ and $t_d$ both are
-# solved for track by track, and what is left depends on the four alone (*variable projection*,
-# Golub and Pereyra 1973). Four more things make it work on real tracks:
+# Both unknowns are in (3). The *direction* of $\mathbf y_i$ tells the rotation, as headings do; its
+# *growth* from one sighting to the next tells the offset. Four numbers are wanted: three of the
+# rotation, one offset. Each corner brings unknowns of its own, which nobody wants: its $\rho$, and
+# the error of its anchor, which shifts all sightings of the track alike. For given $R$ and $t_d$
+# these are found track by track in closed form, and what is left depends on the four alone
+# (*variable projection*, Golub and Pereyra 1973). Four more things make it work on real tracks:
 #
 # - **A robust loss.** Tukey's, narrowing from 2 px to five standard deviations of a sighting.
-# - **A search first.** The loss is followed over the candidates, each with its best rotation, so
-#   that the refinement starts in the right valley, and other valleys that are as deep are noticed.
+# - **A search first.** The loss is computed for all candidate offsets, each with its best rotation.
+#   So the refinement starts in the right valley, and another valley that is as deep is noticed.
 # - **The body's turning.** Where the wheels report a yaw rate, the camera is turned along between
-#   two sightings, and by how much that rate is off is estimated too, moment by moment: a body that
-#   turns unnoticed by 0.1 degrees looks like one that drifts sideways.
+#   two sightings. By how much that rate is off is estimated too, moment by moment: a body that
+#   turns by 0.1 degrees without telling looks like one that drifts sideways.
 # - **Honest sums.** Sightings of one corner share errors, and so do corners that are watched at the
-#   same time. Scores are summed over 0.1 s and correlated over 2.5 s before they become a
-#   covariance (Newey and West 1987); what all sightings of a drive share is added at the end
-#   (`evcalib.joint.Systematic`).
+#   same time. So they do not count as independent: what they say is summed over 0.1 s, and
+#   correlations over 2.5 s are allowed for (Newey and West 1987). What all sightings of a drive
+#   share is added at the end (`evcalib.joint.Systematic`).
+#
+# In the library it is one call:
 
 # %%
 from evcalib.joint import refine_jointly
@@ -275,8 +296,8 @@ for name, drive in drives.items():
     )
 
 # %% [markdown]
-# **See:** the share of loss that each candidate avoids, for both drives. The finger drive, refused
-# by the alignment, has one clear peak.
+# **See:** how well the sightings are met at each candidate, for both drives. The finger drive,
+# refused by the alignment, has one clear peak.
 
 # %%
 from evcalib.plots.alignment import draw_curve
@@ -289,17 +310,23 @@ for ax, (name, joint) in zip(axes, refined.items(), strict=True):
 plt.show()
 
 # %% [markdown]
-# And against the truth:
+# `finish` puts the refinement in the place of the alignment, and judges anew what the drive can
+# tell. This is what `evcalib.calibrate` returns. Against the truth:
 
 # %%
-for name, joint in refined.items():
-    truth, sd = drives[name].truth, np.sqrt(joint.covariance[3, 3])
-    late = joint.offset - truth.offset
-    turn = rotation_angle(joint.R_body_cam, truth.R_body_cam)
-    print(f"{name}: offset off by {1e3 * late:.1f} ms, stated standard deviation {1e3 * sd:.1f} ms")
-    print(f"    rotation off by {np.degrees(turn):.2f} deg")
+from evcalib.final_stage import finish
 
-    assert abs(late) < 3 * sd
+final = {
+    name: finish(aligned[name], refined[name], estimates[name].headings, drive.track, 1.0)
+    for name, drive in drives.items()
+}
+for name, found in final.items():
+    truth = drives[name].truth
+    late, turn = found.offset - truth.offset, rotation_angle(found.R_body_cam, truth.R_body_cam)
+    print(f"{name}: {found.verdict.summary}")
+    print(f"    offset off by {1e3 * late:.1f} ms, stated sd {1e3 * found.offset_sd:.1f} ms")
+    print(f"    rotation off by {np.degrees(turn):.2f} deg")
+    assert abs(late) < 3 * found.offset_sd
 
 # %% [markdown]
 # ## Before and after
@@ -309,26 +336,23 @@ for name, joint in refined.items():
 # headings and at the end (`python notebooks/_make_drives.py stages`):
 
 # %%
-import csv
-import itertools
+from data_tools.csv_table import read_columns
 
-
-def read(name):
-    with open(f"data/{name}.csv") as file:
-        return list(csv.DictReader(file))
+stages = read_columns("data/stages.csv")
 
 
 def errors(name, motion, stage):
     """Return the errors of all drives of a motion after a stage."""
-    chosen = [r for r in read("stages") if (r["motion"], r["stage"]) == (motion, stage)]
-    return np.array([float(r[name]) for r in chosen])
+    return stages[name][(stages["motion"] == motion) & (stages["stage"] == stage)]
 
 
 # %% [markdown]
-# How many of the drives know their offset, the median of its error, and that of the rotation:
+# For each motion and stage: how many of the drives know their offset, the median of its error, and
+# the median error of the rotation.
 
 # %%
-for motion, stage in itertools.product(("sweep", "fingers"), ("headings", "tracks")):
+pairs = [(m, s) for m in ("sweep", "fingers") for s in ("headings", "tracks")]
+for motion, stage in pairs:
     late = np.abs(errors("offset_error_ms", motion, stage))
     known, turn = late[np.isfinite(late)], np.median(errors("rotation_deg", motion, stage))
     milliseconds = f"{np.median(known):.1f} ms" if known.size else "unknown"
@@ -338,35 +362,35 @@ for motion, stage in itertools.product(("sweep", "fingers"), ("headings", "track
 # On these sweeps the headings alone are already good to a millisecond, and the tracks mend mostly
 # the rotation. The finger drives are where they are needed: from no answer to a millisecond.
 #
-# **See:** errors of the rotation, one line for each drive. Lines that go down got better.
+# **See:** errors of the rotation, one line for each drive. Most lines go down; some of these errors
+# are so small already that the tracks do not mend them.
 
 # %%
+from evcalib.plots.full import draw_stages
+
 figure, axes = plt.subplots(1, 2, figsize=style.WIDE, sharey=True)
+names = ("headings", "tracks")
 for ax, motion in zip(axes, ("sweep", "fingers"), strict=True):
-    both = [errors("rotation_deg", motion, stage) for stage in ("headings", "tracks")]
-    ax.plot([0, 1], both, "o-", color=style.BODY, ms=5, lw=1)
-    ax.set_xticks([0, 1], ["headings", "tracks"])
-    ax.set(xlim=(-0.3, 1.3), ylim=(0, None))
-    style.label(ax, "stage", "error of the rotation [deg]", title=motion)
+    draw_stages(ax, names, [errors("rotation_deg", motion, n) for n in names], title=motion)
+axes[1].set_ylabel("")
 plt.show()
 
 # %% [markdown]
 # ## Error bars against the truth
 #
-# An error bar is a promise: that 95 % of them hold the truth. `evcalib study recorded --trials 10
-# --seed 1` draws drives that nothing was tuned to (motion, mounting, offset, room), simulates
-# events and wheel states, and calibrates. *Rough* means noisy pixels of unequal thresholds, wheels
-# that slip by 5 %, and a body that wobbles by up to 5 degrees per second.
+# An error bar is a promise: 95 of 100 hold the truth. `evcalib study recorded --trials 10 --seed 1`
+# draws drives to which nothing was tuned (motion, mounting, offset, room), simulates events and
+# wheel states, and calibrates; its table is stored. *Rough* means noisy pixels of unequal
+# thresholds, wheels that slip by 5 %, and a body that wobbles by up to 5 degrees per second.
 
 # %%
-table = read("recorded")
-answered = [row for row in table if float(row["offset_observable"])]
-refused = {row["drive"] for row in table} - {row["drive"] for row in answered}
-group = [row["drive"] for row in answered]
-column = {k: np.array([float(row[k]) for row in answered]) for k in table[0] if k != "drive"}
-holds = np.abs(column["offset_error_ms"]) <= column["offset_half_width_ms"]
-covers = column["rotation_deg"] <= column["rotation_radius_deg"]
-print(f"{len(answered)} of {len(table)} drives answered; refused: {', '.join(sorted(refused))}")
+table = read_columns("data/recorded.csv")
+known = table["offset_observable"] == 1
+refused = sorted(set(table["drive"]) - set(table["drive"][known]))
+answered = {name: column[known] for name, column in table.items()}
+holds = np.abs(answered["offset_error_ms"]) <= answered["offset_half_width_ms"]
+covers = answered["rotation_deg"] <= answered["rotation_radius_deg"]
+print(f"{known.sum()} of {known.size} drives answered; refused: {', '.join(refused)}")
 print(f"offset held by its interval: {holds.sum()}, rotation: {covers.sum()}")
 
 # %% [markdown]
@@ -377,9 +401,10 @@ print(f"offset held by its interval: {holds.sum()}, rotation: {covers.sum()}")
 # %%
 from evcalib.plots.full import draw_calibrations
 
-figure, (left, right) = plt.subplots(1, 2, figsize=style.WIDE)
-draw_calibrations(left, group, column["offset_error_ms"], column["offset_half_width_ms"])
-draw_calibrations(right, group, column["rotation_deg"], column["rotation_radius_deg"])
+figure, (left, right) = plt.subplots(1, 2, figsize=(9.2, 3.4))
+drawn = answered["drive"].tolist()
+draw_calibrations(left, drawn, answered["offset_error_ms"], answered["offset_half_width_ms"])
+draw_calibrations(right, drawn, answered["rotation_deg"], answered["rotation_radius_deg"])
 style.label(left, "", "error of the offset [ms]")
 style.label(right, "", "error of the rotation [deg]")
 plt.show()
@@ -387,22 +412,24 @@ plt.show()
 # %% [markdown]
 # ## The lag
 #
-# A prototype of this chain was 20 to 60 ms off, always to the same side. What looks like an offset
-# of the clocks was a delay in the *measurement*: corners were not where they were said to be at
-# that time. At a flow of 20 px/s, one pixel is 50 ms. We go through the sources, largest first.
+# An early version of this chain was 20 to 60 ms off, always to the same side. What looked like an
+# offset of the clocks was a delay in the *measurement*: corners were not where they were said to be
+# at that time. Where the image moves by 20 px/s (its *flow*), one pixel is 50 ms. We go through the
+# sources of this lag, the largest first.
 #
 # ### 1. The age of the surface
 #
-# A surface drawn at time $t$ shows events of the last 50 ms or more. Who stamps its corners with
-# $t$ is late by the mean age of their events. Remedy: each keypoint carries the mean time of its
-# own events. Easily said, but see the next one.
+# A surface (notebook 1) drawn at time $t$ shows events of the last 50 ms or more. If its corners
+# are stamped with $t$, they are late by the mean age of their events. Remedy: each corner carries
+# the mean time of its own events. That is easily said, but it brings up the next one.
 #
 # ### 2. The disc that gathers corner events
 #
-# A keypoint is a cluster: corner events of a short window, within a disc around the newest. If a
-# corner sweeps more than the disc's radius in that time, the oldest events fall out, save those
-# that chanced to lie ahead. So the mean place of what is left is *ahead* of its mean time. Let us
-# see it in one dimension: events scatter by a pixel about a corner at 30 px/s.
+# A *keypoint* is a cluster: the corner events of a short window of time, within a disc around the
+# newest. If the corner moves by more than the disc's radius in that time, the oldest events fall
+# out, save those that happened to lie ahead. So the mean place of what is left is *ahead* of where
+# the corner was at its mean time. Let us see it in one dimension: events scatter by a pixel about a
+# corner that moves at 30 px/s.
 
 
 # %%
@@ -417,29 +444,28 @@ def lead(sweep, radius=3.0, scatter=1.0, count=200_000):
 
 for sweep in (0.5, 2.0, 4.0, 8.0):
     px = lead(sweep)
-    print(
-        f"{sweep:.1f} px of motion in the window: {px:+.2f} px, {1000 * px / 30:+.0f} ms at 30 px/s"
-    )
+    print(f"moves {sweep:.1f} px in the window: ahead by {px:+.2f} px, {1000 * px / 30:+.0f} ms")
 
 # %% [markdown]
-# As long as the corner stays well inside of the disc there is no bias. When it sweeps as far as the
+# As long as the corner stays well inside the disc there is no lead. When it moves as far as the
 # disc reaches, the keypoint leads by a third of a pixel: some 10 ms, more at slower flow. Finger
 # drives were off by 10 to 20 ms for this reason. Gathering over a shorter time helps, but leaves
 # few events for each keypoint.
 #
 # The cure is not to measure places by corner events at all. They are good for *finding and
-# matching* corners. The displacement is then measured anew, by aligning patches of two **event
-# images**: sums of all signed events over the time in which the scene moves by 1.5 px, stamped with
-# the middle of that time (`evcalib._event_image`; the alignment is the inverse compositional one of
-# Baker and Matthews, 2004). No disc, no choice of events, no lead; and, with all events of a patch,
-# a scatter of a tenth of a pixel instead of half a pixel.
+# matching* corners. Their displacement is then measured anew, with all events around them. An
+# **event image** is the sum of all signed events (ON +1, OFF -1) over the time in which the scene
+# moves by 1.5 px, and carries the middle of that time. A patch of one event image is shifted until
+# it lies on the other (`evcalib._event_image`, by the method of Baker and Matthews, 2004). There is
+# no disc, no choice of events, and so no lead; and the scatter is a tenth of a pixel instead of
+# half a pixel.
 #
 # ### 3. The generation of events
 #
-# One source is left, and it sits in the pixel. An event reports that the log intensity has
-# *already* changed by a threshold $C$. An edge of contrast $A$ passes: events fire when the change
-# reaches $C, 2C, \dots$; their mean time is later than the middle of the edge, by half a
-# threshold's worth:
+# One source is left, and it sits in the pixel. An event reports that the logarithm of the
+# brightness has *already* changed by a threshold $C$. When an edge of contrast $A$ passes, events
+# come when the change has reached $C, 2C, \dots$; so their mean time is later than the middle of
+# the edge, by the time that half a threshold takes:
 
 
 # %%
@@ -458,10 +484,11 @@ for threshold in (0.1, 0.2, 0.4):
     print(f"C = {threshold}: {plain:+.1f} %; last event halved: {halved:+.1f} %")
 
 # %% [markdown]
-# The second column is the remedy. Run backwards, the same edge would report each step one threshold
-# earlier, but not its last one. The mean of forward and backward counts the **last event before a
-# change of polarity half**: the lag is gone to first order, without knowing $C$ or $A$. (Of edges
-# that make a single event nothing can be weighed; they are why a lag remains at $C = 0.4$.)
+# The second column is the remedy. Imagine time running backwards: the same edge would report each
+# step one threshold earlier, but not its last one. The mean of the forward and the backward edge is
+# an edge whose **last event before a change of polarity counts half**. With these weights the lag
+# is gone to first order, without knowing $C$ or $A$. (An edge that makes a single event leaves
+# nothing to weigh; such edges are why a lag remains at $C = 0.4$.)
 #
 # ### Does it work?
 #
@@ -469,21 +496,16 @@ for threshold in (0.1, 0.2, 0.4):
 # simulator's truth (`python -m data_tools.lag_study`). Speeds from 0.25 to 2 m/s, cameras that look
 # ahead, sideways, down and tilted, thresholds from 0.1 to 0.4, and two with noisy pixels.
 
-
 # %%
-def of(name):
-    ways = ("corners", "images", "symmetric")
-    lags = read("lag")
-    return {w: np.array([float(r[name]) for r in lags if r["localisation"] == w]) for w in ways}
-
-
-flow, scatter = of("flow"), of("scatter_px")
-error = {way: -late_by for way, late_by in of("heading_ms").items()}
+lags = read_columns("data/lag.csv")
+ways = ("corners", "images", "symmetric")
+flow = {w: lags["flow"][lags["localisation"] == w] for w in ways}
+error = {w: -lags["heading_ms"][lags["localisation"] == w] for w in ways}
+scatter = {w: lags["scatter_px"][lags["localisation"] == w] for w in ways}
 for w, off in error.items():
     rms = np.sqrt(np.mean(off**2))
-    print(
-        f"{w:9s} mean {off.mean():+.1f}, rms {rms:.1f} ms; scatter {np.median(scatter[w]):.2f} px"
-    )
+    px = np.median(scatter[w])
+    print(f"{w:9s} mean {off.mean():+.1f}, rms {rms:.1f} ms; scatter {px:.2f} px")
 
 # %% [markdown]
 # **See:** the error of the offset that these headings would cause, over the flow. Keypoints
@@ -513,34 +535,55 @@ for name, joint in refined.items():
 # %% [markdown]
 # ## The cockpit
 #
-# Enough of algorithms. The panel below gives you the four unknowns as sliders: offset, roll, pitch,
-# yaw (all zero: a camera that looks straight ahead). First as a static picture, at the truth, but
-# for 10 degrees of yaw:
+# Enough of algorithms: now you calibrate. The panel below gives you the four unknowns as sliders:
+# offset, roll, pitch and yaw (all zero for a camera that looks straight ahead). It needs, for each
+# drive, the two streams, the solution, and the truth to compare with:
+
+# %%
+from evcalib.widgets.cockpit import Cockpit, Recording, Scorer
+
+recordings = {
+    name: Recording(estimates[name].headings, drive.velocities, final[name], drive.truth)
+    for name, drive in drives.items()
+}
+
+# %% [markdown]
+# Your place has a **score**: equation (3) of notebook 4 at *your* offset and *your* rotation. It
+# cannot be higher than the curve on the upper right, which has at each offset the score of the best
+# rotation. So you climb twice: up to the curve by the angles, and along the curve to its peak by
+# the offset.
+#
+# **See** in the static picture, at the true offset but with a yaw that is wrong by 10 degrees: the
+# dots stand 10 degrees above the line (upper left), the residuals are 10 degrees (lower right), and
+# the orange dot is well below the curve.
 
 # %%
 from evcalib.geometry import rotation_vector_to_matrix
-from evcalib.plots.full import draw_cockpit
+from evcalib.plots.full import cockpit_axes, draw_cockpit
 
-figure = plt.figure(figsize=(9.0, 4.2))
 sweep, headings = drives["sweep"], estimates["sweep"].headings
 R = rotation_vector_to_matrix(np.radians([0.0, 0.0, 10.0])) @ sweep.truth.R_body_cam
-draw_cockpit(figure, headings, sweep.track, sweep.truth.offset, R, aligned["sweep"].curve)
+place = sweep.truth.offset, Scorer(headings, sweep.track, 1.0)(sweep.truth.offset, R)
+axes = cockpit_axes(plt.figure(figsize=(9.2, 4.4)))
+draw_cockpit(axes, headings, sweep.track, R, aligned["sweep"].curve, [place])
 plt.show()
 
 # %% [markdown]
-# **See:** yaw moves the upper dots up and down, the offset moves the blue line sideways, roll and
-# pitch bend the lower dots. Your task:
+# **Your turn.** Yaw moves the upper dots up and down, the offset moves the blue line sideways, roll
+# and pitch bend the lower dots. **solve** goes to the computed solution and says how far you were
+# off; the play button then shows the way from your place to it; **reset** starts anew.
 #
-# 1. Bring the azimuths together with *yaw* and *offset*. Which of the two can you judge better?
-# 2. Now the elevations, with *pitch* and *roll*. Watch the residuals at the lower right.
-# 3. How small can you make the median residual? Press **solve** and compare.
-# 4. From the solution, move the offset by 0.1 s and try to make up for it by yaw alone. Why does it
+# 1. *sweep*: bring the azimuths together with *yaw* and *offset*, then the elevations with *pitch*
+#    and *roll*. You have reached the goal when the bar of the score turns green.
+# 2. Press **solve**. Which of the four could you judge best? Play the way from your hand to the
+#    solution, and watch the directions fall together.
+# 3. From the solution, move the offset by 0.1 s and try to make up for it by yaw alone. Why does it
 #    fail here, and on which drive would it not?
+# 4. *fingers*: find the angles, then the offset. Look at the curve: why can no hand do it? What
+#    does **solve** know that the picture does not show?
 
 # %%
-from evcalib.widgets.cockpit import Cockpit
-
-Cockpit(headings, sweep.velocities, aligned["sweep"])
+Cockpit(recordings)
 
 # %% [markdown]
 # ## Exercises
@@ -549,7 +592,7 @@ Cockpit(headings, sweep.velocities, aligned["sweep"])
 #
 # <details><summary>Solution</summary>
 #
-# Nothing. In (1) the integral of a constant velocity depends on the length of the interval alone,
+# Nothing. In (2) the integral of a constant velocity depends on the length of the interval alone,
 # not on when it starts: $t_d$ drops out. The same holds for an arc at constant rate, where a shift
 # is a rotation. `predict` of notebook 0 says so before anyone drives.
 #
@@ -581,20 +624,28 @@ Cockpit(headings, sweep.velocities, aligned["sweep"])
 # <details><summary>Solution</summary>
 #
 # No, by symmetry: what falls out at the old end on one side falls out at the young end on the
-# other. (Replace `abs(place)` by `abs(place + sweep / 2)`.) But the middle is what one wants to
-# find.
+# other. (Replace `abs(place)` by `abs(place + sweep / 2)`: the lead is 0.00 px at each speed.) But
+# where the middle is, is what one wants to find out.
 #
 # </details>
 #
 # ## In the library
 #
-# - `evcalib.calibrate` runs all stages; `evcalib.estimate_headings`, `evcalib.align`,
-#   `evcalib.tracks.tracks_of` and `evcalib.joint.refine_jointly` are the stages.
-# - `evcalib.kernels.joint`: equation (2), its derivatives, and the elimination of the nuisances.
-# - `data_tools.recorded_drive`, `evcalib study recorded`: the drives behind the error bars.
-# - `data_tools.lag_study`: the lag against the truth.
-# - `evcalib.plots.full`, `evcalib.widgets.cockpit`: the pictures of this notebook.
+# - [`evcalib.calibrate`](../evcalib/pipeline.py) runs all stages. The stages are
+#   [`evcalib.estimate_headings`](../evcalib/heading.py),
+#   [`evcalib.align`](../evcalib/calibration.py),
+#   [`evcalib.tracks.tracks_of`](../evcalib/tracks.py),
+#   [`evcalib.joint.refine_jointly`](../evcalib/joint.py) and
+#   [`evcalib.final_stage.finish`](../evcalib/final_stage.py).
+# - [`evcalib.kernels.joint`](../evcalib/kernels/joint.py): equation (3), its derivatives, and the
+#   elimination of each corner's own unknowns.
+# - [`data_tools.recorded_drive`](../data_tools/recorded_drive.py) and `evcalib study recorded`: the
+#   drives behind the error bars; [`data_tools.lag_study`](../data_tools/lag_study.py): the lag
+#   against the truth.
+# - [`evcalib.plots.full`](../evcalib/plots/full.py),
+#   [`evcalib.widgets.cockpit`](../evcalib/widgets/cockpit.py): the pictures and the cockpit.
 # - From the command line: `evcalib headings`, `evcalib velocities`, `evcalib align`, or all at once
 #   with `evcalib calibrate`.
 #
-# **Next:** notebook 7 lets the rivals run on the same data, and repeats the paper's experiments.
+# **Next:** [7. Experiments](07_experiments.ipynb) lets the rivals run on the same data, and repeats
+# the paper's experiments.
