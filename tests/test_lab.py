@@ -154,7 +154,14 @@ def test_installation_without_notebooks_says_so(monkeypatch, tmp_path):
         home_of_notebooks()
 
 
-def test_wheel_comes_before_a_checkout(monkeypatch, home):
+@pytest.fixture
+def checkout(monkeypatch, tmp_path):
+    """Make the installation one of a checkout, also where the tests run on a wheel."""
+    monkeypatch.setattr(course, "SHIPPED", tmp_path / "none")
+    monkeypatch.setattr(course, "CHECKOUT", CHECKOUT)
+
+
+def test_wheel_comes_before_a_checkout(checkout, monkeypatch, home):
     assert home_of_notebooks() == (CHECKOUT, True)
     monkeypatch.setattr(course, "SHIPPED", home)
     assert home_of_notebooks() == (home, False)
@@ -191,7 +198,7 @@ def server(monkeypatch):
     return fake
 
 
-def test_checkout_opens_its_own_notebooks(run, server, tmp_path, monkeypatch):
+def test_checkout_opens_its_own_notebooks(run, server, checkout, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert run("lab")[:2] == (0, "")
     assert f"--ServerApp.root_dir={CHECKOUT}" in server.words
@@ -209,7 +216,7 @@ def test_wheel_copies_to_a_folder_here(run, server, tmp_path, monkeypatch, home)
     assert {"--ServerApp.open_browser=False", f"--ServerApp.port={0x7E57}"} < set(server.words)
 
 
-def test_folder_of_the_user_is_filled_from_a_checkout_too(run, server, mine):
+def test_folder_of_the_user_is_filled_from_a_checkout_too(run, server, checkout, mine):
     assert run("lab", mine)[0] == 0
     for name in course_files(CHECKOUT):
         assert (mine / name).read_bytes() == (CHECKOUT / name).read_bytes()
