@@ -3,18 +3,27 @@
 #
 # **For whom.** You know images, and you have heard that an event camera does not make any.
 #
-# **What you will learn.**
+# **What you will be able to do.**
 #
-# 1. what an event is, and why the speed of the camera matters so much,
-# 2. five ways to make an image of events (*surfaces*), and what each of them forgets,
-# 3. how corners are found without an image, from times alone,
-# 4. how to measure whether a surface is clean and independent of speed,
-# 5. which surface is best for the direction of motion. The answer may surprise you.
+# 1. say what an event is, and why the speed of the camera matters so much,
+# 2. make an image of events (a *surface*) in five ways, and say what each of them forgets,
+# 3. find corners without an image, from times alone,
+# 4. measure whether a surface is clean, and whether it looks the same at another speed,
+# 5. choose a surface for finding the direction of motion. The answer may surprise you.
 #
-# **Required knowledge.** Arrays, and the exponential function. **Time.** 30 minutes.
+# **Required knowledge.** Arrays, and the exponential function.
 #
-# **Where we are.** The calibration needs the direction in which the camera moves. This notebook
-# makes images and corners from events; notebook 2 makes directions from them.
+# **Time.** 30 minutes: 20 of reading, 10 of playing with the panel.
+#
+# The question: which image of events looks the same whether the camera moves slowly or fast? The
+# calibration needs the direction in which the camera moves (notebook 2), and for that it must find
+# the same corners again in two images. The oldest answer lets the last time $T(x, y)$ of each pixel
+# fade, with a time constant $\tau$:
+#
+# $$\mathrm{TS}(x, y) = e^{-(t - T(x, y)) / \tau}. \tag{1}$$
+#
+# This *time surface* is equation 2 of Lagorce et al. (2017). As you will see, it does depend on
+# speed.
 
 # %%
 import matplotlib.pyplot as plt
@@ -24,7 +33,7 @@ from data_tools.samples import load_sample, slider_depth
 from evcalib.corners import arc_star
 from evcalib.events import Events
 from evcalib.plots import style
-from evcalib.plots.events import NAMES, draw_over_speed, draw_row_of_time, draw_surface
+from evcalib.plots.events import NAMES, draw_over_speed, draw_rows_of_time, draw_surfaces
 from evcalib.surface_quality import edges, grey, likeness, score_surface, surface_images
 from evcalib.surfaces import time_surface, tos, tos_ts
 
@@ -33,12 +42,13 @@ style.use()
 # %% [markdown]
 # ## Events
 #
-# A pixel of an event camera reports when the logarithm of its brightness has changed by a fixed
-# amount since its last report: column, row, time, and whether it became brighter (*ON*) or darker
-# (*OFF*). Nothing moves, nothing is reported.
+# A pixel of an event camera sends a report whenever the logarithm of its brightness has changed by
+# a fixed amount since its last report. The report is the event: column, row, time, and whether the
+# pixel became brighter (*ON*) or darker (*OFF*). Where nothing changes, nothing is sent.
 #
-# The recordings here are simulated (`notebooks/_make_data.py`): a camera slides 0.4 m through a
-# furnished room, to the right and a little forward. It does so four times, at four speeds.
+# The recordings used here are simulated (by `notebooks/_make_data.py`). A camera slides 0.4 m
+# through a furnished room, to the right and a little forward. It does so four times, at four
+# speeds.
 
 # %%
 SPEEDS = (0.2, 0.4, 0.8, 1.6)  # m/s
@@ -48,33 +58,31 @@ for speed, sample in samples.items():
     print(f"{speed:.1f} m/s: {len(ev)} events in {ev.duration:.2f} s, {ev.p.mean():.1%} ON")
 
 # %% [markdown]
-# The number of events is nearly the same at all speeds: an edge that crosses a pixel makes as many
-# events however long it takes. The slow recording has a few more, since noise has more time.
+# The number of events is nearly the same at all speeds, because an edge that crosses a pixel makes
+# as many events however long it takes. The slow recording has a few more: noise has more time.
 #
-# Here is half a row of pixels over time. **See:** edges draw lines; the steeper the line, the
-# slower the edge. Left and right are the same picture but for the scale of time.
+# Here is half a row of pixels over time, at the lowest and at the highest speed.
+#
+# **See:** moving edges draw lines, and the steeper the line, the slower the edge. But for the scale
+# of the time axis, the two panels are the same picture.
 
 # %%
-figure, axes = plt.subplots(1, 2, figsize=(7.0, 2.7))
-for ax, speed in zip(axes, (0.2, 1.6), strict=True):
-    draw_row_of_time(ax, samples[speed].events, row=60)
-    ax.set_title(f"{speed} m/s")
-    ax.set_xlim(10, 90)
+figure, axes = plt.subplots(1, 2, figsize=(9.4, 3.2))
+draw_rows_of_time(axes, {f"{v} m/s": samples[v].events for v in (0.2, 1.6)}, row=60)
+axes[1].set_ylabel("")
 figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
 plt.show()
 
 # %% [markdown]
-# So two times matter, and they are not the same thing: the clock's, and the *scene's*, which
-# counts how far edges have moved. A surface that depends on the clock looks different at another
-# speed, and a corner on it is hard to recognise when the vehicle brakes.
+# So there are two kinds of time: that of the clock, and that of the *scene*, which counts how far
+# the edges have moved. A surface that goes by the clock looks different at another speed. A corner
+# on it is hard to recognise when the vehicle brakes.
 #
 # ## The time surface
 #
-# The simplest surface remembers the last time $T(x, y)$ of each pixel and lets it fade:
-#
-# $$\mathrm{TS}(x, y) = e^{-(t - T(x, y)) / \tau}. \tag{1}$$
-#
-# Three events of a toy sensor, rendered 30 ms after the last, with $\tau = 30$ ms:
+# Equation (1) goes by the clock. Take three events on a toy sensor of 5 x 3 pixels, one every 30
+# ms, and draw the surface 30 ms after the last, with $\tau = 30$ ms. Each event is $1/e$ as bright
+# as the next younger one, and a pixel without events is exactly 0:
 
 # %%
 three = Events.from_arrays([1, 2, 3], [1, 1, 1], [10_000, 40_000, 70_000], [1, 1, 1], 5, 3)
@@ -86,11 +94,13 @@ assert np.allclose(fading[1], [0, np.exp(-3), np.exp(-2), np.exp(-1), 0])
 # %% [markdown]
 # ## The threshold-ordinal surface
 #
-# TOS (Glover et al. 2021) has no clock. Every event makes its own pixel 255 and takes 1 from all
-# others in a patch of $k \times k$; what falls below $255 - 2k$ becomes 0. So a pixel is dark not
-# when it is *old*, but when its neighbours have had events since.
+# The threshold-ordinal surface, TOS for short (Glover et al. 2021), has no clock. Each event sets
+# its own pixel to 255 and takes 1 from all others in a patch of $k \times k$ pixels around it. What
+# falls below $255 - 2k$ becomes 0. So a pixel fades not because time passes, but because its
+# neighbours have had events since.
 #
-# The same three events, then the same ten times as fast. **See:** nothing changes.
+# Here are the same three events, and the same again ten times as fast. Nothing changes in TOS,
+# while the time surface is a different one:
 
 # %%
 faster = Events(three.x, three.y, three.t // 10, three.p, 5, 3)
@@ -100,24 +110,28 @@ assert np.array_equal(tos(three, k=3), tos(faster, k=3))
 assert not np.allclose(fading, time_surface(faster, 10_000, tau=0.03))
 
 # %% [markdown]
-# ## SILC and DiST
+# ## Two more without a clock
 #
-# - **SILC** (Manderscheid et al. 2019): an event takes 1 from all pixels of its patch that are
-#   not darker than its own, and sets its own to the patch's area. Behind an edge this leaves a
-#   ramp of fixed length, whatever the speed.
-# - **DiST** (Kim et al. 2021): sort all pixels by their last time, discounted where the patch is
-#   busy, and keep only the *rank*. Order has no unit, so no clock remains.
+# - **SILC**, the speed-invariant surface for learned corners (Manderscheid et al. 2019): each
+#   event takes 1 from those pixels of its patch that are at least as bright as its own, and then
+#   sets its own pixel to the area of the patch. A moving edge so leaves a ramp behind it whose
+#   length in pixels is always the same.
+# - **DiST**, the discounted and sorted timestamps (Kim et al. 2021): sort all pixels by their last
+#   time, counting those as older that lie in a busy patch, and keep only the *rank*. An order has
+#   no unit, so no clock is left.
 #
 # ## TOS AND TS
 #
-# TOS never forgets where nothing happens: a noise event in an empty region stays white for ever.
-# The paper therefore lets through only what is young:
+# TOS has a weakness: where nothing else happens it never forgets. A noise event in an empty region
+# stays white for ever. The paper therefore lets through only the pixels that are young by the time
+# surface:
 #
-# $$\mathrm{TOS\,AND\,TS} = \begin{cases} \mathrm{TOS} & \text{if } \mathrm{TS} > \theta \\
+# $$\mathrm{TOS\,AND\,TS} = \begin{cases} \mathrm{TOS} & \text{if } \mathrm{TS} > \theta, \\
 # 0 & \text{otherwise.} \end{cases} \tag{2}$$
 #
-# The paper gives no $\theta$. By (1) it stands for an age: values live for $\tau \ln(1/\theta)$,
-# with our 30 ms and 0.1 for 69 ms. Mind that (2) brings the clock back in.
+# The paper gives no number for $\theta$. By (1) it stands for an age: a pixel lives for
+# $\tau \ln(1/\theta)$. With our 30 ms and $\theta = 0.1$ that is 69 ms, as a single event shows.
+# Note that (2) brings the clock back in.
 
 # %%
 lone = Events.from_arrays([2], [1], [0], [1], 5, 3)
@@ -127,9 +141,9 @@ for age_ms in (68, 69, 70):
 # %% [markdown]
 # ## Corners without an image
 #
-# Arc* (Alzugaray & Chli 2018) looks only at the *order of times* on two circles around an event.
-# When a corner moves, the newest pixels on each circle form one arc of limited length. There is
-# nothing to render, and the test runs for every event:
+# Arc* ("arc star", Alzugaray and Chli 2018) finds corners by the *order of times* on two circles
+# around an event. When a corner moves, the newest pixels on each circle form one arc of limited
+# length. Nothing has to be drawn for that, and each event is tested when it comes:
 
 # %%
 corners = {speed: sample.events[arc_star(sample.events)] for speed, sample in samples.items()}
@@ -137,14 +151,15 @@ for speed, found in corners.items():
     print(f"{speed:.1f} m/s: {len(found) / len(samples[speed].events):.1%} of events are corners")
 
 # %% [markdown]
-# Not quite without a clock either: Arc* ignores an event that follows another of the same polarity
-# within 50 ms. At high speed this is a longer way, so fewer corners are left.
+# Arc* is not quite without a clock either. It leaves out an event that follows another of the same
+# pixel and polarity within 50 ms. At high speed edges come a longer way in that time, so fewer
+# corners are left.
 #
 # ## The paper's figure
 #
-# Fig. 2 of the paper shows all of them side by side. The nine pictures of a recording were taken
-# at 10, 20, ..., 90 % of the path, so at every speed we know when the camera was at these places.
-# Polarities are merged.
+# Fig. 2 of the paper shows all surfaces side by side. We do the same. The simulator also took nine
+# ordinary pictures, at 10, 20, ..., 90 % of the path, so we know for each speed when the camera was
+# at these places. ON and OFF events are treated alike.
 
 # %%
 PLACES = np.arange(1, 10)
@@ -157,37 +172,40 @@ def rendered(speed, name, **options):
 
 
 # %% [markdown]
-# A function draws them, so that two speeds can be compared. Circles are Arc* corners of the last
-# 2 % of the path. To see pixels, only a part of 84 x 60 of them is shown.
-
+# A function draws them, so that two speeds can be compared. Orange circles are Arc* corners of the
+# last 2 % of the path. To make pixels visible, only a part of 84 x 60 of them is shown.
 
 # %%
-def draw_all(speed, place):
+PART = (12, 40, 84, 60)  # first column, first row, width, height
+
+
+def draw_all(speed, place, part=PART, size=(8.6, 4.7)):
     """Draw the picture and the five surfaces at one of the places."""
     length = 0.4e6 / speed
     t = round(0.1 * place * length)
     recent = corners[speed].between(round(t - 0.02 * length), t)
-    spots = np.column_stack((recent.x, recent.y))
-    figure, axes = plt.subplots(2, 3, figsize=(7.8, 4.3))
     shown = {"picture": samples[0.2].frames[place - 1]}
     shown |= {NAMES[name]: rendered(speed, name)[place - 1] for name in NAMES}
-    for ax, (name, image) in zip(axes.flat, shown.items(), strict=True):
-        draw_surface(ax, image, spots, title=name, part=(12, 40, 84, 60))
+    figure = plt.figure(figsize=size)
+    draw_surfaces(figure, shown, np.column_stack((recent.x, recent.y)), part=part)
     plt.show()
 
 
 # %% [markdown]
-# First slowly, at 0.2 m/s. **See:** DiST and SILC show broad ramps behind the edges. TOS shows
-# thin lines and also the litter of noise between them. TS is nearly black, because at this speed
-# most edges are older than $\tau$; TOS AND TS is clean, and thin for the same reason.
+# First slowly, at 0.2 m/s.
+#
+# **See:** DiST and SILC show broad ramps behind the edges. TOS shows thin lines, and between them
+# the litter of noise. TS is nearly black, because at this speed most edges are older than $\tau$.
+# TOS AND TS is clean, and sparse for the same reason.
 
 # %%
 draw_all(0.2, place=7)
 
 # %% [markdown]
-# Now the very same place, passed at 1.6 m/s. **See:** DiST, SILC and TOS hardly changed. TS is
-# full of long tails. TOS AND TS has nearly become TOS, since most of what TOS shows is now younger
-# than 69 ms.
+# Now the very same place, passed at 1.6 m/s.
+#
+# **See:** DiST, SILC and TOS have hardly changed. TS is full of long tails. TOS AND TS has nearly
+# become TOS, since most of what TOS shows is now younger than 69 ms.
 
 # %%
 draw_all(1.6, place=7)
@@ -195,8 +213,9 @@ draw_all(1.6, place=7)
 # %% [markdown]
 # ## Which surfaces do not depend on speed?
 #
-# Put a number on it: the correlation between the surface at some speed and at 0.2 m/s, at the same
-# place, averaged over the seven places from 30 % on.
+# Put a number on it. How *like* are two images? We take their correlation: 1 if they agree but for
+# brightness and contrast, 0 if they have nothing in common. Each surface is compared with the same
+# surface at 0.2 m/s, at the same place; the mean is over the seven places from 30 % on.
 
 # %%
 images = {name: {v: rendered(v, name) for v in SPEEDS} for name in NAMES}
@@ -209,9 +228,7 @@ def likeness_to_slow(name, speed):
 
 
 # %% [markdown]
-# **See:** DiST 0.94 and SILC 0.91 over a range of eight in speed. TOS follows; what it lacks is
-# noise, which differs between recordings and which TOS shows as bright as anything. The two with
-# a clock fall to 0.6. By this measure *the paper's surface is not independent of speed*.
+# One row for each surface:
 
 # %%
 like = {name: [likeness_to_slow(name, v) for v in SPEEDS] for name in NAMES}
@@ -222,17 +239,24 @@ for name, values in like.items():
 assert min(like["dist"]) > 0.9 > 0.7 > like["tos_ts"][-1]
 
 # %% [markdown]
+# DiST stays at 0.94 and SILC at 0.91, while the speed grows eightfold. TOS follows with 0.83. What
+# it lacks is the noise, which differs from recording to recording, and which TOS shows as bright as
+# anything else. The two surfaces with a clock fall to 0.6. By this measure *the paper's surface is
+# not independent of speed*.
+#
 # ## How clean are they, and are corners found again?
 #
-# The simulator knows the distance of every pixel, so it can say where a corner must be in the next
-# picture. That gives three more numbers:
+# The simulator knows the distance of what each pixel sees, so it can say where a corner must be in
+# the next picture. That gives three more numbers:
 #
-# - *on edges*: the share of a surface's brightness that lies on an edge of the picture (48 % of the
-#   image does, so that is what pure chance would score);
-# - *repeatability*: the 80 strongest Harris corners **of the surface itself** in one picture; which
-#   share is found again in the next within 2 px of where the motion takes it (chance: 6 %);
-# - *right matches*: Arc* corners, described by BRIEF **on the surface**, matched with the next
-#   picture; how many land where they should.
+# - *on edges*: the share of a surface's brightness that lies on an edge of the picture, or next to
+#   one. (48 % of all pixels do, so that is what an image of pure noise would score.)
+# - *repeatability*: take the 80 strongest Harris corners **of the surface itself**. Which share of
+#   them is found again in the next image, within 2 px of where the motion takes them? (By chance 6
+#   % would be.)
+# - *right* matches: describe the Arc* corners by BRIEF, a pattern of brighter-or-darker comparisons
+#   **on the surface**, and match them with those of the next image. How many land where they
+#   should, and how many do not?
 
 # %%
 table = {}
@@ -244,7 +268,7 @@ for speed in SPEEDS:
         table[speed, name] = score_surface(*known)
 
 # %% [markdown]
-# `score_surface` did the work. At the lowest and the highest speed:
+# `score_surface` did the work. Here are its numbers at the lowest and at the highest speed:
 
 # %%
 for speed in (0.2, 1.6):
@@ -255,45 +279,49 @@ for speed in (0.2, 1.6):
         print(f"  {NAMES[name]:10s} {shares} {s.right:6.0f} {s.wrong:6.0f}")
 
 # %% [markdown]
-# The same over all speeds. **See:** the surfaces with a clock are the cleanest where the camera is
-# slow, and lose it when it is fast. Corners *on* the surface come back best on SILC and DiST: ramps
-# have gradients that a detector can use, thin white lines do not. And DiST and SILC give up to
-# twice as many right matches as TOS. Wrong ones are few on all.
+# And over all speeds.
+#
+# **See:** left, the surfaces with a clock are the cleanest while the camera is slow, and lose that
+# when it is fast. Middle, corners *on* the surface come back best on SILC and DiST: their ramps
+# have slopes that a corner detector can use, thin white lines do not. Right, the same two give up
+# to twice as many right matches as TOS.
 
 # %%
-figure, axes = plt.subplots(1, 3, figsize=(8.6, 2.9))
+figure, axes = plt.subplots(1, 3, figsize=(9.4, 3.2))
 fields = {
     "on_edges": "brightness on edges [-]",
     "repeatability": "corners found again [-]",
     "right": "right matches per pair [-]",
 }
 for ax, (field, title) in zip(axes, fields.items(), strict=True):
-    draw_over_speed(
-        ax, SPEEDS, {n: [getattr(table[v, n], field) for v in SPEEDS] for n in NAMES}, title
-    )
+    values = {n: [getattr(table[v, n], field) for v in SPEEDS] for n in NAMES}
+    draw_over_speed(ax, SPEEDS, values, title)
 figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=5)
 plt.show()
 
 # %% [markdown]
-# What counts as an edge? A step of 45 of 255 between neighbouring pixels. Whoever writes such a
-# number should show what it selects:
+# What counted as an edge there? A step of 45 of 255 between neighbouring pixels. Whoever sets such
+# a number should show what it selects.
+#
+# **See:** outlines of furniture and of its patterns are in, faint shading is out.
 
 # %%
+from evcalib.plots.events import draw_surface
+
 frame = samples[0.2].frames[6]
-figure, axes = plt.subplots(1, 2, figsize=(5.4, 2.2))
-part = (12, 40, 84, 60)
-draw_surface(axes[0], frame, title="picture", part=part)
-draw_surface(axes[1], edges(frame), title=f"edges: {edges(frame).mean():.0%} of all", part=part)
+figure, axes = plt.subplots(1, 2, figsize=(6.2, 2.5))
+draw_surface(axes[0], frame, title="picture", part=PART)
+draw_surface(axes[1], edges(frame), title=f"edges: {edges(frame).mean():.0%} of all", part=PART)
 plt.show()
 
 # %% [markdown]
 # ## Which is best for the direction of motion?
 #
-# All this is only a means. What we want is the heading, and that has been measured with the whole
-# chain of notebook 2 on full-size recordings: simulated ones (346 x 260; sideways, oblique and
-# forward motion) and the real *slider_depth* of the Event Camera Dataset (240 x 180). The real
-# recording exists at one speed only; dividing all its times by a factor gives exactly the events
-# of a faster camera. The table was stored by
+# All this is only a means. What we want is the direction of motion, the *heading*. Its error has
+# been measured with the whole chain of notebook 2: on simulated recordings of 346 x 260 pixels
+# (sideways, oblique and forward motion), and on the real *slider_depth* of the Event Camera Dataset
+# (240 x 180). The real recording exists at one speed only, but dividing all its times by a factor
+# gives exactly the events of a faster camera. The table was stored by
 # `python notebooks/_make_data.py tables DATA_FOLDER`.
 
 # %%
@@ -321,38 +349,50 @@ for recording in ("simulated", "slider_depth"):
 # hundredths of a degree on simulated data and within two tenths on real data, and no order holds
 # from one speed to the next. How can that be, after such differences above?
 #
-# - The *displacement* of a corner is measured between images of events (notebook 6), not on the
-#   surface. The surface only describes corners, so it decides how many matches there are, not how
-#   exact they are.
+# - How far a corner *moved* is measured between images of events (notebook 6), not on the surface.
+#   The surface only describes corners. It decides how many matches there are, not how exact they
+#   are.
 # - One heading pools hundreds of matches and throws out those that disagree. Forty right ones or
 #   seventy: both are plenty.
 #
-# The package keeps the paper's TOS AND TS as the default. It costs far less than DiST, and the
+# The package keeps the paper's TOS AND TS as its default. It costs far less than DiST, and the
 # choice does not matter here. It would matter to somebody who detects corners *on* the surface.
 #
-# If the environment variable `EVCALIB_DATA` names a folder with *slider_depth*, here it is, half a
-# second after its start. (Otherwise nothing is shown; the recording may not be passed on with this
-# notebook.)
+# If the environment variable `EVCALIB_DATA` names a folder with *slider_depth*, the next cell draws
+# its surfaces half a second after the start. Otherwise it draws nothing; the recording may not be
+# passed on with this notebook.
+#
+# **See:** in real events the same characters as above: ramps, thin lines, litter.
 
 # %% tags=["nbval-ignore-output"]
 real = slider_depth()
 if real:
-    figure, axes = plt.subplots(1, 5, figsize=(12.0, 2.2))
-    for ax, name in zip(axes, NAMES, strict=True):
-        image = surface_images(name, real.events, [500_000])[0]
-        draw_surface(ax, image, title=NAMES[name])
+    surfaces = {NAMES[n]: surface_images(n, real.events, [500_000])[0] for n in NAMES}
+    draw_surfaces(plt.figure(figsize=(9.0, 4.7)), surfaces)
     plt.show()
 
 # %% [markdown]
-# ## Try it
+# ## Play with the surfaces
 #
-# The panel shows the same six images. Try this:
+# The panel below shows these six images for any time and speed, with the settings of the surfaces
+# in your hands. First as a static picture: the whole image, at 70 % of the slowest path.
 #
-# 1. Set the time to 70 % and move only *speed*. Which images stay as they are?
-# 2. At 0.2 m/s, raise *tau* until TOS AND TS equals TOS. At which age does that happen? What tau
-#    would the fastest recording need to look like the slowest with 30 ms?
-# 3. Raise *threshold* at 1.6 m/s. Can you make the litter go away without losing the edges?
-# 4. Change *patch*: what do SILC's ramps do, and what TOS's lines?
+# **See:** the orange circles of Arc* sit on the corners of bright and dark patches. They are the
+# same in all images, since Arc* looks at times, not at a surface.
+
+# %%
+draw_all(0.2, place=7, part=None, size=(6.0, 3.3))
+
+# %% [markdown]
+# **Your turn.** The table below the picture has the numbers.
+#
+# 1. Press play. Then, at 70 %, move only *speed*. Which surfaces keep a likeness above 0.85 up to
+#    1.6 m/s?
+# 2. At 0.2 m/s, TOS AND TS has 12 % of its pixels lit. Go to 0.4 m/s and lower *tau* until it has
+#    about 12 % again. Which tau is it? Which would you need at 1.6 m/s?
+# 3. At 1.6 m/s, raise *threshold* until less than 10 % are lit. What age does it stand for?
+# 4. Move *patch* from 3 to 15 px. What happens to SILC's ramps and to TOS's lines, and what share
+#    of TOS is lit at either end?
 
 # %%
 from evcalib.widgets.surfaces import SurfacePanel
@@ -363,7 +403,7 @@ SurfacePanel({f"{speed} m/s": sample for speed, sample in samples.items()})
 # ## Exercises
 #
 # **1.** Events come at pixel A at 0 ms, and at its right neighbour B at 10, 20 and 30 ms. What is
-# TOS ($k = 7$) at A and B after that? And at A after 15 events at B?
+# TOS ($k = 7$) at A and at B after that? And at A after 15 events at B?
 #
 # <details><summary>Solution</summary>
 #
@@ -372,8 +412,8 @@ SurfacePanel({f"{speed} m/s": sample for speed, sample in samples.items()})
 #
 # </details>
 #
-# **2.** Which $\tau$ makes TOS AND TS keep events of the last 10 px of motion, if edges move at 20
-# px/s, and $\theta = 0.1$?
+# **2.** Which $\tau$ makes TOS AND TS keep the events of the last 10 px of motion, if edges move at
+# 20 px/s, and $\theta = 0.1$?
 #
 # <details><summary>Solution</summary>
 #
@@ -395,12 +435,16 @@ SurfacePanel({f"{speed} m/s": sample for speed, sample in samples.items()})
 #
 # ## In the library
 #
-# - `evcalib.surfaces`: each surface as a function, and as a class with `update` and `render` for
-#   long recordings. `evcalib.corners.arc_star` and `ArcStar` likewise, and `TosHarris`, which
-#   looks for corners on the TOS.
-# - `evcalib.surface_quality`: `likeness`, `score_surface` and what they are made of.
-# - `evcalib.plots.events`, `evcalib.widgets.surfaces.SurfacePanel`: the pictures of this notebook.
-# - `estimate_headings(events, camera, surface="dist")` and
-#   `evcalib headings RECORDING --surface dist` use another surface for the whole chain.
+# - [`evcalib.surfaces`](../evcalib/surfaces/__init__.py): each surface as a function, and as a class
+#   with `update` and `render` for long recordings.
+# - [`evcalib.corners`](../evcalib/corners.py): `arc_star` and `ArcStar` likewise, and `TosHarris`,
+#   which looks for corners on the TOS.
+# - [`evcalib.surface_quality`](../evcalib/surface_quality.py): `likeness`, `score_surface` and what
+#   they are made of.
+# - [`evcalib.plots.events`](../evcalib/plots/events.py) and
+#   [`evcalib.widgets.surfaces.SurfacePanel`](../evcalib/widgets/surfaces.py): the pictures of this
+#   notebook.
+# - [`evcalib.estimate_headings`](../evcalib/heading.py) takes `surface="dist"` and so on for the
+#   whole chain; on the command line it is `evcalib headings RECORDING --surface dist`.
 #
-# **Next:** two such images, a few seconds of geometry, and out comes the direction of motion.
+# **Next:** [notebook 2](02_heading.ipynb) takes two such images and finds the direction of motion.
