@@ -37,7 +37,10 @@ def read_camera(
     if path.suffix.lower() in (".yaml", ".yml"):
         camera = read_camchain(path, name)
         if width is not None and height is not None:
-            camera.require_size(width, height)
+            try:
+                camera.require_size(width, height)
+            except InputError as error:
+                raise InputError(f"{path}: {error}") from None
         return camera
     if width is None or height is None:
         raise InputError(f"{path} does not tell the sensor size; give width and height (--size)")

@@ -144,7 +144,10 @@ def read_body_velocities(
         motion = replace(motion, t=motion.t - origin / 1e6)
     if isinstance(motion, WheelLog):
         assert not isinstance(vehicle, str | Path | None)
-        body = body_velocities(motion, vehicle)
+        try:
+            body = body_velocities(motion, vehicle)
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from None
         notes = (*notes, body.summary())
         whole = VelocitySource(str(path), body.velocities, body, notes)
     else:

@@ -18,6 +18,7 @@ import mmap
 import os
 import resource
 import shutil
+import signal
 import subprocess
 import sys
 import time
@@ -103,12 +104,16 @@ def run_once(reader: str, home: Path, given: argparse.Namespace, seconds: int, s
     command = [sys.executable, __file__, reader, "--child", str(home), "--seconds", str(seconds)]
     command += ["--seed", str(seed)] + ["--python-kernels"] * given.python_kernels
     with open(home / "log", "wb") as log:
+        child = subprocess.Popen(command, env=environment, stdout=log, stderr=log)
         try:
-            subprocess.run(
-                command, env=environment, stdout=log, stderr=log, timeout=seconds + 60, check=False
-            )
+            child.wait(seconds + 60)
         except subprocess.TimeoutExpired:
+            child.send_signal(signal.SIGUSR1)  # it writes where it is to the log
+            time.sleep(2)
+            child.kill()
+            child.wait()
             shutil.copy(home / "work" / "last", home / "found" / "timeout-of-the-child")
+            shutil.copy(home / "log", home / "found" / f"hang_{seed}.trace")
 
 
 def told(log: Path) -> str:
@@ -125,23 +130,27 @@ def told(log: Path) -> str:
 
 def run_child(reader: str, home: Path, given: argparse.Namespace) -> None:
     """Fuzz in this process; never returns."""
+    import faulthandler
+
     import atheris
 
+    faulthandler.register(signal.SIGUSR1)
     sys.path[:0] = [str(HOME.parent)]
     parts = ["data_tools", "evcalib", "yaml", "zipfile", "rosbags.rosbag1", "rosbags.rosbag2"]
     exclude = [] if given.python_kernels else KERNELS
     with atheris.instrument_imports(include=parts, exclude=exclude):
         from fuzz.targets import TARGETS
 
+    from conftest import DATA
+    from fuzz import seeds
+
     from evcalib.errors import InputError
 
     target = TARGETS[reader]
     made = target.make()
-    if target.aedat4:
-        from conftest import DATA
-        from fuzz import seeds
-
-        made = [seeds.aedat4(DATA / "formats" / "davis346.aedat4", 20_000)]
+    real = DATA / "formats" / "davis346.aedat4"
+    if reader == "aedat4" and real.exists():
+        made.append(seeds.aedat4(real, 20_000))
     for number, content in enumerate(made):
         (home / "corpus" / f"seed{number}").write_bytes(content)
     path = home / "work" / f"input{target.suffix}"

@@ -19,6 +19,7 @@ from data_tools.trajectory_files import read_tum
 from data_tools.vehicles import read_vehicle
 from data_tools.velocity_sources import read_body_velocities
 from data_tools.wheel_logs import read_wheel_log
+from evcalib.errors import InputError
 from evcalib.kinematics import Swerve, Wheel
 
 SIZE = (seeds.WIDTH, seeds.HEIGHT)
@@ -42,7 +43,6 @@ class Target:
     suffix: str
     read: Callable[[Path], object]
     make: Callable[[], list[bytes]]
-    aedat4: bool = False
 
 
 def read_events(path: Path, **options) -> tuple[Columns, dict[str, int]]:
@@ -61,6 +61,16 @@ def read_events(path: Path, **options) -> tuple[Columns, dict[str, int]]:
     assert (t[1:] >= t[:-1]).all()
     assert all(count > 0 for count in recording.losses.values() if count)
     return (x, y, t + recording.origin_us, p), dict(recording.losses)
+
+
+def attempt(read: Callable[[Path], object], path: Path) -> object | None:
+    """Return what a reader makes of a file, or None if it refuses it, naming it."""
+    try:
+        return read(path)
+    except InputError as error:
+        message = str(error)
+    assert str(path) in message, message
+    return None
 
 
 def _events(**options) -> Callable[[Path], object]:
@@ -173,7 +183,11 @@ TARGETS: dict[str, Target] = {
     "evt2": Target(".raw", _events(), lambda: [seeds.evt2()]),
     "evt3": Target(".raw", _events(), lambda: [seeds.evt3()]),
     "dat": Target(".dat", _events(), lambda: [seeds.dat()]),
-    "aedat4": Target(".aedat4", _events(), list, aedat4=True),
+    "aedat4": Target(
+        ".aedat4",
+        _events(),
+        lambda: [seeds.aedat4_made(), seeds.aedat4_made(bytes, 0)],
+    ),
     "rosbag1": Target(
         ".bag",
         _events(),
@@ -208,8 +222,6 @@ TARGETS: dict[str, Target] = {
 
 def _sized(path: Path) -> object:
     """Read an HDF5 file, saying the sensor's size where the file does not."""
-    from evcalib.errors import InputError
-
     try:
         return read_events(path)
     except InputError as error:
