@@ -28,7 +28,10 @@ def lab(
         bool, typer.Option("--no-browser", help="Only print the address to open.")
     ] = False,
     port: Annotated[
-        int | None, typer.Option(min=1, max=65535, help="Port on this machine; a free one.")
+        int | None,
+        typer.Option(
+            min=1, max=65535, help="Port on this machine; by default the first free one from 8888."
+        ),
     ] = None,
 ) -> None:
     """Open the notebooks in JupyterLab; Ctrl-C ends it."""
