@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from data_tools.camera_files import read_calib_txt
 from data_tools.events_text import load_events_text
+from data_tools.zip_files import SUFFIX, load_array, opened_zip
 from evcalib import _check
 from evcalib.camera import Camera
 from evcalib.errors import InputError
@@ -133,9 +134,10 @@ def load_sample(path: str | Path) -> Sample:
     if not Path(path).is_file():
         raise InputError(f"there is no file {path}")
     try:
-        with np.load(path, allow_pickle=False) as file:
-            return _sample(dict(file))
-    except (KeyError, ValueError, OSError) as error:
+        with opened_zip(Path(path)) as archive:
+            names = [name.removesuffix(SUFFIX) for name in archive.namelist()]
+            return _sample({name: load_array(archive, name) for name in names})
+    except (LookupError, TypeError, ValueError) as error:
         raise InputError(f"{path} is not a sample: {error}") from None
 
 

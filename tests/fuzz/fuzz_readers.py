@@ -6,8 +6,9 @@ anything but an answer or an InputError: another exception, a crash or panic of 
 than `SECONDS` of time or `ROOM` of memory, or events that break the contract of `fuzz.targets`.
 The child goes on after an exception and is started again after a crash.
 
-Each run adds its findings to findings.csv and its row to results.csv; a finding that the latest
-run of a reader did not see again counts as fixed.  The inputs are kept in the folder of `--keep`.
+Each run adds its findings to findings.csv, and its time and inputs to the reader's row in
+results.csv; a finding that the latest run did not see again counts as fixed there.  The inputs that
+are findings are kept in the folder of `--keep`.
 """
 
 from __future__ import annotations
@@ -19,7 +20,6 @@ import os
 import resource
 import shutil
 import signal
-import subprocess
 import sys
 import time
 import traceback
@@ -32,7 +32,6 @@ HEADER = ["reader", "engine", "seconds", "inputs", "found", "fixed", "remaining"
 SECONDS = 10
 ROOM = 3 << 30
 KERNELS = [
-    "evcalib.kernels",
     "data_tools._events_text_kernels",
     "data_tools.formats._dat_kernels",
     "data_tools.formats._evt2_kernels",
@@ -44,41 +43,47 @@ CRASHES = {"crash": "crash of the process", "timeout": "hang", "oom": "memory", 
 def main() -> None:
     words = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     words.add_argument("reader", nargs="+", help="names of fuzz.targets.TARGETS, or all")
-    words.add_argument("--seconds", type=float, default=120, help="time for each reader")
+    words.add_argument("--seconds", type=int, default=120, help="time for each reader")
     words.add_argument("--seed", type=int, default=1)
     words.add_argument("--keep", type=Path, help="folder for inputs that are findings")
     words.add_argument("--python-kernels", action="store_true", help="count coverage in kernels")
-    words.add_argument("--child", type=Path, help=argparse.SUPPRESS)
     given = words.parse_args()
-    if given.child is not None:
-        run_child(given.reader[0], given.child, given)
+    targets = instrumented(given.python_kernels)
+    for reader in targets if given.reader == ["all"] else given.reader:
+        fuzz(reader, targets[reader], given)
+
+
+def instrumented(python_kernels: bool) -> dict:
+    """Import the readers so that what an input reaches is seen; kernels check their indices."""
+    import atheris
+
+    caches = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "evcalib-fuzz"
+    os.environ |= {"NUMBA_BOUNDSCHECK": "1", "NUMBA_CACHE_DIR": str(caches)}
+    os.environ |= {"NUMBA_DISABLE_JIT": "1"} if python_kernels else {}
     sys.path[:0] = [str(HOME.parent)]
-    from fuzz.targets import TARGETS
+    parts = ["data_tools", "yaml", "zipfile", "rosbags.rosbag1", "rosbags.rosbag2"]
+    with atheris.instrument_imports(include=parts, exclude=[] if python_kernels else KERNELS):
+        from fuzz.targets import TARGETS
+    return TARGETS
 
-    for reader in TARGETS if given.reader == ["all"] else given.reader:
-        fuzz(reader, given)
 
-
-def fuzz(reader: str, given: argparse.Namespace) -> None:
+def fuzz(reader: str, target, given: argparse.Namespace) -> None:
     """Fuzz one reader for some seconds and record what was found."""
     found: set[str] = set()
+    seconds, seed = 0.0, given.seed
     with TemporaryDirectory(prefix="fuzz-") as scratch:
         home = Path(scratch)
         for name in ("corpus", "found", "work"):
             (home / name).mkdir()
         (home / "count").write_bytes(bytes(8))
-        started, seed = time.monotonic(), given.seed
-        while (left := given.seconds - (time.monotonic() - started)) > 1:
-            run_once(reader, home, given, int(left + 1), seed)
+        while (left := given.seconds - seconds) > 1:
+            seconds += run_once(reader, target, home, int(left + 1), seed)
             seed += 1
             for path in (home / "found").glob("*-*"):
                 kind = path.name.split("-")[0]
                 if kind in CRASHES:
-                    found.add(CRASHES[kind] + " " + told(home / "log"))
+                    found.add(f"{CRASHES[kind]} {told(home / 'log')}".strip())
                     path.rename(home / "found" / f"stopped_{path.name}")
-            if not (home / "work" / "ready").exists():
-                sys.exit((home / "log").read_text(errors="replace")[-4000:])
-        seconds = time.monotonic() - started
         inputs = int.from_bytes((home / "count").read_bytes(), "little")
         for path in (home / "found").glob("*.txt"):
             found.add(path.read_text())
@@ -95,25 +100,32 @@ def engine(given: argparse.Namespace) -> str:
     return f"atheris {version('atheris')}" + (", Python kernels" * given.python_kernels)
 
 
-def run_once(reader: str, home: Path, given: argparse.Namespace, seconds: int, seed: int) -> None:
-    """Run a child until its time is over or it crashes."""
-    caches = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "evcalib-fuzz"
-    environment = os.environ | {"NUMBA_BOUNDSCHECK": "1", "NUMBA_CACHE_DIR": str(caches)}
-    if given.python_kernels:
-        environment["NUMBA_DISABLE_JIT"] = "1"
-    command = [sys.executable, __file__, reader, "--child", str(home), "--seconds", str(seconds)]
-    command += ["--seed", str(seed)] + ["--python-kernels"] * given.python_kernels
-    with open(home / "log", "wb") as log:
-        child = subprocess.Popen(command, env=environment, stdout=log, stderr=log)
+def run_once(reader: str, target, home: Path, seconds: int, seed: int) -> float:
+    """Fuzz in a child until its time is over or it crashes; return how long [s] that took."""
+    started = time.monotonic()
+    child = os.fork()
+    if child == 0:
+        with open(home / "log", "wb") as log:
+            os.dup2(log.fileno(), 1)
+            os.dup2(log.fileno(), 2)
         try:
-            child.wait(seconds + 60)
-        except subprocess.TimeoutExpired:
-            child.send_signal(signal.SIGUSR1)  # it writes where it is to the log
-            time.sleep(2)
-            child.kill()
-            child.wait()
-            shutil.copy(home / "work" / "last", home / "found" / "timeout-of-the-child")
-            shutil.copy(home / "log", home / "found" / f"hang_{seed}.trace")
+            run_child(reader, target, home, seconds, seed)
+        finally:
+            os._exit(3)
+    while time.monotonic() - started < seconds + 60:
+        if os.waitpid(child, os.WNOHANG) != (0, 0):
+            break
+        time.sleep(0.1)
+    else:
+        os.kill(child, signal.SIGUSR1)  # it writes where it is to the log
+        time.sleep(2)
+        os.kill(child, signal.SIGKILL)
+        os.waitpid(child, 0)
+        shutil.copy(home / "work" / "last", home / "found" / "timeout-of-the-child")
+        shutil.copy(home / "log", home / "found" / f"hang_{seed}.trace")
+    if not (home / "work" / "ready").exists():
+        sys.exit((home / "log").read_text(errors="replace")[-4000:])
+    return time.monotonic() - started
 
 
 def told(log: Path) -> str:
@@ -128,25 +140,17 @@ def told(log: Path) -> str:
     return ""
 
 
-def run_child(reader: str, home: Path, given: argparse.Namespace) -> None:
+def run_child(reader: str, target, home: Path, seconds: int, seed: int) -> None:
     """Fuzz in this process; never returns."""
     import faulthandler
 
     import atheris
-
-    faulthandler.register(signal.SIGUSR1)
-    sys.path[:0] = [str(HOME.parent)]
-    parts = ["data_tools", "evcalib", "yaml", "zipfile", "rosbags.rosbag1", "rosbags.rosbag2"]
-    exclude = [] if given.python_kernels else KERNELS
-    with atheris.instrument_imports(include=parts, exclude=exclude):
-        from fuzz.targets import TARGETS
-
     from conftest import DATA
     from fuzz import seeds
 
     from evcalib.errors import InputError
 
-    target = TARGETS[reader]
+    faulthandler.register(signal.SIGUSR1)
     made = target.make()
     real = DATA / "formats" / "davis346.aedat4"
     if reader == "aedat4" and real.exists():
@@ -190,8 +194,8 @@ def run_child(reader: str, home: Path, given: argparse.Namespace) -> None:
     used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
     resource.setrlimit(resource.RLIMIT_AS, (used + ROOM, used + ROOM))
     longest = max(map(len, made))
-    flags = [f"-max_total_time={int(given.seconds)}", f"-timeout={SECONDS}", "-rss_limit_mb=0"]
-    flags += [f"-seed={given.seed}", f"-artifact_prefix={home}/found/", "-print_final_stats=1"]
+    flags = [f"-max_total_time={seconds}", f"-timeout={SECONDS}", "-rss_limit_mb=0"]
+    flags += [f"-seed={seed}", f"-artifact_prefix={home}/found/", "-print_final_stats=1"]
     flags += [f"-max_len={max(4096, longest + 256)}", "-verbosity=0"]
     atheris.Setup([sys.argv[0], *flags, str(home / "corpus")], attempt)
     atheris.Fuzz()
@@ -203,9 +207,12 @@ def record(reader: str, with_what: str, seconds: float, inputs: int, found: set[
     known += [[reader, what] for what in sorted(found) if [reader, what] not in known]
     write_rows(FINDINGS, ["reader", "finding"], known)
     ever = sum(row[0] == reader for row in known)
-    row = [reader, with_what, f"{seconds:.0f}", inputs, ever, ever - len(found), len(found)]
-    others = [old for old in read_rows(RESULTS, HEADER) if old[:2] != [reader, with_what]]
-    write_rows(RESULTS, HEADER, sorted([*others, list(map(str, row))]))
+    rows = {(old[0], old[1]): old for old in read_rows(RESULTS, HEADER)}
+    before = rows.get((reader, with_what), ["", "", "0", "0"])
+    total = [f"{seconds + int(before[2]):.0f}", inputs + int(before[3])]
+    row = [reader, with_what, *total, ever, ever - len(found), len(found)]
+    rows[reader, with_what] = list(map(str, row))
+    write_rows(RESULTS, HEADER, sorted(rows.values()))
     print(f"{reader}: {inputs} inputs in {seconds:.0f} s, {len(found)} findings", flush=True)
     for what in sorted(found):
         print(f"  {what}", flush=True)
