@@ -41,7 +41,7 @@ CHROMIUM = [
     "--disable-sync",
 ]
 LAB_SETTINGS = {
-    "notebook-extension/tracker": {"windowingMode": "none"},
+    "notebook-extension/tracker": {"windowingMode": "none", "scrollPastEnd": False},
     "apputils-extension/notification": {
         "fetchNews": "false",
         "checkForUpdates": False,
@@ -187,6 +187,18 @@ def open_page(
         context.close()
 
 
+def photograph(page: Page, stem: str) -> int:
+    """Take pictures of all that scrolls around the first cell, a window at a time; how many."""
+    outer = page.evaluate_handle(_SCROLLER).as_element()
+    height, step = outer.evaluate("e => [e.scrollHeight, e.clientHeight]")
+    count = -(-int(height) // int(step))
+    for number in range(count):
+        outer.evaluate("(e, top) => { e.scrollTop = top; }", number * step)
+        page.wait_for_timeout(80)
+        outer.screenshot(path=ARTEFACTS / f"{stem}-{number:02d}.png")
+    return count
+
+
 class LabNotebook:
     """A notebook that is open in JupyterLab, with a kernel that lives as long as the *with* block.
 
@@ -238,17 +250,6 @@ class LabNotebook:
         )
         self._wait(f"() => document.body.dataset.jpThemeName === '{name}'")
 
-    def photograph(self, stem: str) -> int:
-        """Take pictures of the whole notebook, one window after the other; return how many."""
-        outer = self.page.locator(".jp-NotebookPanel .jp-WindowedPanel-outer").first
-        height, step = outer.evaluate("e => [e.scrollHeight, e.clientHeight]")
-        count = -(-height // step)
-        for number in range(count):
-            outer.evaluate("(e, top) => { e.scrollTop = top; }", number * step)
-            self.page.wait_for_timeout(80)
-            outer.screenshot(path=ARTEFACTS / f"{stem}-{number:02d}.png")
-        return int(count)
-
     def __enter__(self) -> LabNotebook:
         return self
 
@@ -265,6 +266,11 @@ class LabNotebook:
         }""")
 
 
+_SCROLLER = """() => {
+    let at = document.querySelector('.jp-Cell');
+    while (at && at.scrollHeight <= at.clientHeight + 1) at = at.parentElement;
+    return at ?? document.documentElement;
+}"""
 _CODE = (
     f"[...{NOTEBOOK}.content.model.cells]"
     ".filter(cell => cell.type === 'code' && cell.sharedModel.getSource().trim())"

@@ -60,13 +60,13 @@ def test_the_notebook_runs_and_its_widgets_answer(name, browser, server, results
         lab.LabNotebook(page) as notebook,
     ):
         entry["seconds"] = round(notebook.run(), 1)
-        entry["screens"] = notebook.photograph(f"{name}-light")
+        entry["screens"] = lab.photograph(page, f"{name}-light")
         reports = []
         for number, panel in enumerate(panels.panels(page)):
             reports.append(panels.exercise(panel, notebook.settle))
             panel.screenshot(path=lab.ARTEFACTS / f"{name}-panel-{number}.png")
         notebook.use_theme("JupyterLab Dark")
-        notebook.photograph(f"{name}-dark")
+        lab.photograph(page, f"{name}-dark")
         faults = faults_of(notebook, reports, elsewhere)
     moves = [move for report in reports for move in report.moves]
     times = [move.ms for move in moves if move.control.startswith("slider") and move.ms]

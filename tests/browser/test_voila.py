@@ -39,7 +39,7 @@ def test_the_page_shows_widgets_that_answer(name, browser, results, tmp_path):
             panels.exercise(panel, lambda: page.wait_for_timeout(100))
             for panel in panels.panels(page)
         ]
-        page.screenshot(path=lab.ARTEFACTS / f"{name}-voila.png", full_page=True)
+        lab.photograph(page, f"{name}-voila")
         complaints = page.locator(COMPLAINTS).all_inner_texts()
         log = server.log.read_text(encoding="utf-8")
     moves = [move for report in reports for move in report.moves]
