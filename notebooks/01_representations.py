@@ -435,8 +435,8 @@ SurfacePanel({f"{speed} m/s": sample for speed, sample in samples.items()})
 #
 # ## In the library
 #
-# - [`evcalib.surfaces`](../evcalib/surfaces/__init__.py): each surface as a function, and as a class
-#   with `update` and `render` for long recordings.
+# - [`evcalib.surfaces`](../evcalib/surfaces/__init__.py): each surface as a function, and as a
+#   class with `update` and `render` for long recordings.
 # - [`evcalib.corners`](../evcalib/corners.py): `arc_star` and `ArcStar` likewise, and `TosHarris`,
 #   which looks for corners on the TOS.
 # - [`evcalib.surface_quality`](../evcalib/surface_quality.py): `likeness`, `score_surface` and what

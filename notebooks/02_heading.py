@@ -1,21 +1,30 @@
 # %% [markdown]
 # # 2. Heading: from two images to the direction of motion
 #
-# **For whom.** You have corners (notebook 1) and want to know which way the camera went.
+# **For whom.** You have corners (notebook 1), and want to know which way the camera went.
 #
-# **What you will learn.**
+# **What you will be able to do.**
 #
-# 1. why points flow away from one place in the image, and how two of them reveal it,
-# 2. why not to estimate a rotation that is not there: two points against five,
-# 3. what a longer baseline gains, and what it costs,
-# 4. why many pairs of images are better than one,
-# 5. how sure a heading is, and when there is none.
+# 1. say why points flow away from one place in the image, and find it from two of them,
+# 2. say why one should not estimate a rotation that is not there: two points against five,
+# 3. choose a baseline, knowing what a longer one gains and what it costs,
+# 4. pool many pairs of images into one exact heading,
+# 5. judge how sure a heading is, and when there is none.
 #
-# **Required knowledge.** The cross product, and that a camera turns pixels into directions
-# (*bearings*). **Time.** 30 minutes.
+# **Required knowledge.** The cross product, and that a camera turns each pixel into a direction in
+# space (its *bearing*).
 #
-# **Where we are.** This notebook ends with the first of the two streams that the calibration
-# compares: the camera's heading over time.
+# **Time.** 35 minutes: 25 of reading, 10 of playing with the panel.
+#
+# The question: where is the camera going, given what it sees at two times? Let a camera that does
+# not turn move by $\mathbf t$. A point seen at the bearing $\mathbf r_1$ before is seen at
+# $\mathbf r_2$ after. The three directions lie in one plane, whatever the distance of the point:
+#
+# $$\mathbf t \cdot (\mathbf r_1 \times \mathbf r_2) = 0. \tag{1}$$
+#
+# This is the epipolar constraint without a rotation. (The paper uses it with one; more on that
+# below.) The notebook ends with the first of the two streams that the calibration compares, the
+# camera's heading over time.
 
 # %%
 import matplotlib.pyplot as plt
@@ -27,7 +36,7 @@ from evcalib import estimate_headings
 from evcalib.epipolar import five_point, turn_explains, two_point
 from evcalib.geometry import angle_between, unit
 from evcalib.plots import style
-from evcalib.plots.heading import draw_epipolar, draw_focus, draw_matches, draw_offsets
+from evcalib.plots.heading import draw_backdrop, draw_heading, draw_matches, draw_offsets
 from evcalib.two_views import Pairs, keypoints_at, matched
 
 style.use()
@@ -35,14 +44,10 @@ style.use()
 # %% [markdown]
 # ## The geometry
 #
-# A camera that does not turn moves by $\mathbf t$. A point seen at the bearing $\mathbf r_1$ before
-# is seen at $\mathbf r_2$ after. The three lie in one plane, whatever the point's distance:
-#
-# $$\mathbf t \cdot (\mathbf r_1 \times \mathbf r_2) = 0. \tag{1}$$
-#
-# It is linear in $\mathbf t$, which has two unknowns if we do not ask for its length. So *two*
-# points are enough: $\mathbf t$ is at a right angle to both normals. Three points at different
-# depths, seen before and after a step of 0.1 m:
+# Equation (1) is linear in $\mathbf t$. We do not ask for the length of $\mathbf t$, so it has two
+# unknowns, and *two* points are enough: $\mathbf t$ stands at a right angle to both normals
+# $\mathbf r_1 \times \mathbf r_2$. Try it with three points at different distances, seen before and
+# after a step of 0.1 m:
 
 # %%
 step = np.array([0.06, 0.0, 0.08])
@@ -52,15 +57,18 @@ normals = np.cross(before, after)
 print("t . (r1 x r2):", np.round(np.abs(normals @ step), 12))
 direction = unit(np.cross(normals[0], normals[1]))
 direction *= np.sign(direction[2])
-print("direction from two points:", np.round(direction, 3))
+print("direction from two points:", np.round(direction, 3) + 0.0)
 
 assert np.allclose(direction, unit(step))
 
 # %% [markdown]
+# The third point, which was not used, agrees: its product is zero, too.
+#
 # ## Two recordings
 #
-# A simulated camera of 240 x 180 pixels, at 0.6 m/s: once mostly *forward*, so that the place
-# towards which it moves is inside the image, and once mostly *sideways*.
+# Here are two recordings of a simulated camera of 240 x 180 pixels at 0.6 m/s. In the first it goes
+# mostly *forward*, so that the place towards which it moves is inside the image; in the second
+# mostly *sideways*.
 
 # %%
 drives = {name: load_sample(f"data/{name}.npz") for name in ("forward", "sideways")}
@@ -73,9 +81,10 @@ for name, drive in drives.items():
 # %% [markdown]
 # ## Matches
 #
-# At two times 0.2 s apart, the Arc* corners of the last 60 ms become keypoints. Each is described
-# by BRIEF on the surface and matched to the most similar one of the other time, if the choice is
-# mutual. Nothing is dropped in silence; the counts say what happened.
+# We choose two times, 0.2 s apart. The Arc* corners of the last 60 ms before each of them become
+# *keypoints*. Each keypoint gets a description of the surface around it (BRIEF, notebook 1) and is
+# matched to the most similar keypoint of the other time, if the choice is mutual. Nothing is left
+# out in silence; the counts say what happened.
 
 # %%
 camera = drives["forward"].camera
@@ -86,21 +95,29 @@ print(f"left out: {first.weak} with a single corner event, {first.surplus} too m
 print(f"{first.clipped} lie near the border and were described all the same")
 
 # %% [markdown]
-# **See:** most matches, drawn as strokes that end in a dot, fan out from a common place. A few
-# cross the flow. They are wrong, and we cannot yet tell which.
+# In the picture, each match is a stroke that ends in a dot, over the surface of the later time in
+# faint grey.
+#
+# **See:** most matches fan out from a common place on the right. A few cross the others. They are
+# wrong, but so far nothing tells us which.
 
 # %%
-figure, ax = plt.subplots(figsize=(5.2, 3.9))
+from evcalib.surface_quality import surface_images
+
+surface = surface_images("tos_ts", drives["forward"].events, [450_000])[0]
+figure, ax = plt.subplots(figsize=(6.0, 4.4))
+draw_backdrop(ax, surface)
 draw_matches(ax, camera, pairs)
-ax.legend(loc="lower right", frameon=True)
 plt.show()
 
 # %% [markdown]
 # ## Two points, robustly
 #
-# `two_point` draws pairs of matches, solves (1) for each, and keeps the direction with the least
-# sum of truncated squared residuals; then it refines on all matches that agree. A residual is the
-# angle by which a match misses its plane (Sampson's approximation), and 1.5 px is the limit.
+# `two_point` draws pairs of matches at random and solves (1) for each pair. It keeps the direction
+# from which the matches deviate least, where a deviation beyond 1.5 px counts no more than one of
+# 1.5 px (that is what makes it robust). Then it fits the direction once more, to all matches that
+# agree, the *inliers*. The deviation is the angle by which a match misses its plane, in Sampson's
+# approximation.
 
 # %%
 limit = 1.5 / camera.fx
@@ -110,25 +127,24 @@ print(f"{two.inliers.sum()} of {len(pairs)} matches are inliers")
 print(f"error {off:.1f} deg, standard deviation as stated {np.degrees(two.sd):.1f} deg per axis")
 
 # %% [markdown]
-# In the image, all planes of (1) meet in the direction of motion itself: the *focus of expansion*.
-# **See:** green matches run along the grey epipolar lines, away from the orange cross; purple ones
-# do not. The black cross is the truth.
+# In the image, all planes of (1) meet in the direction of motion itself. The place is called the
+# *focus of expansion*.
+#
+# **See:** green matches run along the grey lines, away from the orange cross. Purple ones do not.
+# The black cross is the true focus.
 
 # %%
-figure, ax = plt.subplots(figsize=(5.2, 3.9))
-some = np.flatnonzero(two.inliers)[::3]
-draw_epipolar(ax, camera, two.direction, pairs.xy1[some])
-draw_matches(ax, camera, pairs, two.inliers)
-draw_focus(ax, camera, two.direction, name="found")
-draw_focus(ax, camera, drives["forward"].direction, true=True, name="true")
+figure, ax = plt.subplots(figsize=(6.0, 4.7))
+draw_heading(ax, camera, pairs, two, drives["forward"].direction)
+figure.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=4)
 plt.show()
 
 # %% [markdown]
 # ## The sign
 #
 # Equation (1) holds for $\mathbf t$ and for $-\mathbf t$. What tells them apart is that points are
-# in *front* of the camera, so they flow away from where it goes (*cheirality*). Swap the images,
-# which is to drive backwards, and the sign must flip:
+# in *front* of the camera, so in the image they flow away from the place where it goes
+# (*cheirality*). Exchange the two images, which is to drive backwards, and the sign must flip:
 
 # %%
 back = two_point(pairs.r2, pairs.r1, threshold=limit, groups=pairs.groups)
@@ -140,14 +156,14 @@ assert between > 175
 # %% [markdown]
 # ## Five points
 #
-# The paper takes the essential matrix from five points. That finds a rotation too, and here is the
-# price: when a camera turns a little to the left, the image shifts to the right, nearly as if the
-# camera had moved sideways. With a small field of view and small motion, noise decides which of
-# the two it was.
+# The paper takes the essential matrix from five points, and that finds a rotation between the two
+# images, too. There is a price. When a camera turns a little to the left, the image shifts to the
+# right, nearly as if the camera had moved sideways. If the field of view and the motion are small,
+# it is the noise that decides which of the two it was.
 #
-# One pair of images proves little. So we draw random points at 1.5 to 6 m, move a camera 0.1 m in
-# some direction between forward (0 deg) and sideways (90 deg), add noise of 0.8 px, the scatter of
-# real keypoints, and make every fifth match wrong.
+# One pair of images proves little. So we draw random points at 1.5 to 6 m, and let a camera move
+# 0.1 m in some direction between forward (0 deg) and sideways (90 deg). We add noise of 0.8 px,
+# which is how real keypoints scatter, and make every fifth match wrong.
 
 # %%
 ANGLES = (0, 15, 30, 45, 60, 75, 90)
@@ -163,7 +179,7 @@ def error_of(solver, angle, seed, count=200, outliers=0.2):
 
 
 # %% [markdown]
-# The median of 15 trials each:
+# Here is the median error of 15 such trials for each direction and solver:
 
 # %%
 SOLVERS = {"two points": two_point, "five points": five_point}
@@ -171,14 +187,14 @@ medians = {
     name: [np.median([error_of(solver, angle, seed) for seed in range(15)]) for angle in ANGLES]
     for name, solver in SOLVERS.items()
 }
-for angle, median in zip(ANGLES, medians["two points"], strict=True):
-    print(f"{angle:2d} deg: two points {median:.1f} deg")
+print("two points:", ", ".join(f"{m:.1f}" for m in medians["two points"]), "deg")
 
 assert all(np.array(medians["five points"]) > 3 * np.array(medians["two points"]))
 
 # %% [markdown]
-# And the whole chain, from events on, at full size (346 x 260, simulated), as stored by
-# `python notebooks/_make_data.py tables DATA_FOLDER`; the last row is the real *slider_depth*:
+# The same comparison for the whole chain, from events on, was stored by
+# `python notebooks/_make_data.py tables DATA_FOLDER`: simulated recordings of 346 x 260 pixels, and
+# in the last row the real *slider_depth*. *Found* is the share of times that got a heading.
 
 # %%
 rows = np.loadtxt("data/solvers.csv", delimiter=",", skiprows=1, dtype=str)
@@ -188,28 +204,26 @@ for a, b in zip(rows[::2], rows[1::2], strict=True):
     print(f"{a[0]:12s} {a[1]:>3s} deg  " + "   ".join(cells))
 
 # %% [markdown]
+# Both as pictures. Mind the logarithmic scale.
+#
 # **See:** in the random trials (left) two points are about ten times as exact, in every direction.
-# In the whole chain (right) five points get one pair of images, as in the paper: mostly within a
-# degree, but 7 deg off straight ahead, up to 20 deg in one case of ten in other directions, and
-# with fewer headings. Mind the logarithmic scale.
+# In the whole chain (right) five points get one pair of images at a time, as in the paper. They are
+# mostly within a degree, but 7 deg off straight ahead.
 
 # %%
-figure, axes = plt.subplots(1, 2, figsize=(8.0, 2.9), sharey=True)
-stored = {"two points": rows[:14:2], "five points": rows[1:14:2]}
-looks = {"two points": ("o-", style.CAMERA), "five points": ("s--", style.MUTED)}
-for name, (form, color) in looks.items():
-    axes[0].plot(ANGLES, medians[name], form, color=color, label=name)
-    axes[1].plot(ANGLES, [float(r[3]) for r in stored[name]], form, color=color)
-axes[0].set_yscale("log")
-style.label(axes[0], "direction from the axis [deg]", "median error [deg]", title="random points")
-style.label(axes[1], "direction from the axis [deg]", "", title="events, whole chain")
-figure.legend(loc="outside lower center", ncols=2)
+from evcalib.plots.heading import draw_solvers
+
+chain = {"two points": rows[:14:2, 3].astype(float), "five points": rows[1:14:2, 3].astype(float)}
+figure, axes = plt.subplots(1, 2, figsize=(9.4, 3.4), sharey=True)
+draw_solvers(axes, ANGLES, {"random points": medians, "events, whole chain": chain})
+figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
 plt.show()
 
 # %% [markdown]
-# The two-point solver must pay somewhere: it assumes that the camera does not turn. Half a degree
-# during the step is enough to spoil it. This is why the calibration drives without
-# turning, and why rows of the wheel log with a large yaw rate are left out (notebook 3).
+# The two-point solver pays elsewhere: it relies on a camera that does not turn. Half a degree
+# during the step is enough to spoil its result. This is why one drives without turning for a
+# calibration, and why rows of the wheel log with a large yaw rate are left out (notebook 3). Small
+# turns that the wheels report are taken into account at the end, in notebook 6.
 
 # %%
 ahead = unit([0.3, 0.0, 1.0])
@@ -224,9 +238,9 @@ for degrees in (0.0, 0.5, 2.0):
 # %% [markdown]
 # ## The baseline
 #
-# More time between the two images means more motion, so the same noise matters less. But corners
-# change their looks, leave the image, and are matched less often. We move the two times apart
-# around the middle of the sideways recording:
+# The time between the two images is called the *baseline* here. A longer one means more motion, so
+# the same noise matters less. But corners change their looks, leave the image, and fewer are
+# matched. We move the two times apart, around the middle of the sideways recording:
 
 # %%
 drive = drives["sideways"]
@@ -241,9 +255,10 @@ def pair_around(middle, baseline):
 
 
 # %% [markdown]
-# The median over five middles. **See:** fewer and fewer matches, and yet the error falls. At 100 ms
-# it is much larger than stated: the standard deviation knows how the matches scatter, but not what
-# is wrong with all of them alike, and 8 deg of a motion of 3 px are only 0.4 px.
+# The table has the median over five middles. There are fewer and fewer matches, and yet the error
+# falls. At 100 ms it is much larger than stated. The stated standard deviation knows how much the
+# matches scatter, but not what is wrong with all of them alike; and here 8 deg of a motion of 3 px
+# are only 0.4 px.
 
 # %%
 MIDDLES = (325, 350, 375, 400, 425)
@@ -267,8 +282,9 @@ for baseline in (100, 150, 200, 300, 400):
 # Why choose one baseline? While the motion is steady, the direction is the same for all pairs about
 # the same middle. So put the matches of all of them into *one* fit. That is `Pairs.pooled`.
 #
-# Pairs share keyframes, and one corner is seen many times. `groups` tells the solver which matches
-# see the same corner; otherwise it would believe itself far too sure.
+# Pairs share keyframes (the times at which keypoints are taken), and one corner is seen many times.
+# Its errors are then not independent. `groups` tells the solver which matches see the same corner;
+# otherwise it would believe itself far too sure.
 
 
 # %%
@@ -283,11 +299,13 @@ for name, some in {"one pair": one, "five pairs": many}.items():
     print(f"{name}: {inliers} inliers, stated {sd:.1f} deg")
 
 # %% [markdown]
-# **See:** each orange point is the heading of another middle, with bars of one stated standard
-# deviation. On the left from single pairs of 200 ms, on the right pooled. The cross is the truth.
+# Five headings, one for each middle, seen along the true direction. Left they are from single pairs
+# of 200 ms, right from pooled ones; the bars are one stated standard deviation.
+#
+# **See:** pooling brings the headings together, and close to the black cross, the truth.
 
 # %%
-figure, axes = plt.subplots(1, 2, figsize=(7.4, 3.3))
+figure, axes = plt.subplots(1, 2, figsize=(8.4, 3.9))
 makers = {"one pair": lambda m: pair_around(m, 200), "pooled": pooled_around}
 for ax, (name, make) in zip(axes, makers.items(), strict=True):
     parts = [make(middle) for middle in MIDDLES]
@@ -302,7 +320,7 @@ plt.show()
 # `estimate_headings` does all this for a recording: keyframes at 20 Hz, pairs over the longest
 # baselines at which matches survive, one pooled fit per window. Each heading carries the mean start
 # and end time of its own matches. One thing is better than above: keypoints only say which corner
-# is which, and the displacement is measured between small images of events (notebook 6 tells why).
+# is which, and how far it moved is measured between small images of events (notebook 6 tells why).
 
 # %%
 for name, drive in drives.items():
@@ -313,27 +331,31 @@ for name, drive in drives.items():
     )
 
 # %% [markdown]
-# Where there is no heading, the estimate says why. **See:** the headings of the sideways drive.
-# Those at the ends of the recording, where only short baselines fit, are less exact. Their bars
-# say so, if not quite enough for the first one.
+# Where there is no heading, the estimate says why:
 
 # %%
-headings = estimate.headings
-figure, ax = plt.subplots(figsize=style.WIDE)
-ax.errorbar(headings.t, off, np.degrees(headings.sd), fmt="o", ms=4, lw=0.8, color=style.CAMERA)
-ax.set_ylim(bottom=0.0)
-style.label(ax, "time [s]", "error, bars of one sd [deg]")
 for gap in estimate.gaps:
     print(f"no heading at {gap.t:.2f} s: {gap.reason}")
+
+# %% [markdown]
+# The errors of the headings that there are, in the sideways recording.
+#
+# **See:** the first two and the last are less exact. At the ends of a recording only short
+# baselines fit, and the bars say so, if not quite enough for the first one.
+
+# %%
+from evcalib.plots.heading import draw_errors_over_time
+
+headings = estimate.headings
+figure, ax = plt.subplots(figsize=style.WIDE)
+draw_errors_over_time(ax, headings.t, off, np.degrees(headings.sd))
 plt.show()
 
 # %% [markdown]
 # ## How sure is a heading?
 #
-# Is the stated covariance honest? In random trials it can be checked. If it is, the truth lies
-# outside of its 95 % ellipse in 5 % of the trials. **See:** over 0.3 m it nearly is. Over 0.1 m,
-# where points move by only a few times their noise, the ellipse is too small: the covariance takes
-# the geometry for linear, and for so short a motion it is not.
+# Is the stated covariance honest? In random trials it can be checked: if it is, the truth lies
+# outside of its 95 % ellipse in 5 % of the trials.
 
 
 # %%
@@ -350,9 +372,14 @@ for length in (0.1, 0.3):
     print(f"{length} m: {np.mean([outside(length, seed) for seed in range(200)]):.0%} outside")
 
 # %% [markdown]
-# A stated error is only as good as the model. A camera that only *turns* has no direction of
-# motion, and the solver will still find one that fits. So the chain asks whether a steady turn
-# would explain the matches as well. Only if it does not is there parallax, and a heading:
+# Over 0.3 m the ellipse is nearly honest. Over 0.1 m points move by only a few times their noise,
+# and the ellipse is too small: the covariance takes the geometry for linear, and for so short a
+# motion it is not.
+#
+# A stated error is only as good as its model. A camera that only *turns* has no direction of
+# motion, and yet the solver will find one that fits. So the chain asks whether a steady turn would
+# explain the matches as well. Only if it does not, points at different distances moved differently
+# (*parallax*), and there is a heading:
 
 # %%
 for name, shift, yaw in (("moves", 0.1, 0.0), ("turns", 0.0, 0.04)):
@@ -364,15 +391,35 @@ for name, shift, yaw in (("moves", 0.1, 0.0), ("turns", 0.0, 0.04)):
     print(f"a camera that {name}: {found.inliers.mean():.0%} inliers, a turn explains it: {turned}")
 
 # %% [markdown]
-# ## Try it
+# ## Play with matches and headings
 #
-# 1. *forward*, two points: raise the baseline from 100 to 500 ms. When are there too few matches?
-# 2. Now *five points*. Which baseline brings the orange cross nearest to the black one?
-# 3. Tick *pool*. What does it do to either solver, in error and in what is stated?
-# 4. *sideways*: the focus is outside the image. How do the epipolar lines tell where?
+# The panel below shows matches and heading for any two times, with either solver. First as a static
+# picture: the two times from above, 250 and 450 ms, and two points.
+#
+# **See:** right, the heading is 2.5 deg to the right of the truth, which is one and a half times
+# what is stated. The focus (left) is off by as much.
+
+# %%
+figure, (left, right) = plt.subplots(1, 2, figsize=(9.4, 4.3), width_ratios=(3, 2))
+draw_backdrop(left, surface)
+draw_heading(left, camera, pairs, two, drives["forward"].direction)
+draw_offsets(right, [two.direction], drives["forward"].direction, [two.sd], reach=10.0)
+figure.legend(*left.get_legend_handles_labels(), loc="outside lower left", ncols=4)
+plt.show()
+
+# %% [markdown]
+# **Your turn.** The line below the picture has the numbers.
+#
+# 1. *forward*, two points: raise the baseline step by step. From which one on is there no
+#    direction, and why?
+# 2. *forward* at 200 ms, *five points*: the heading is 28 deg off. Bring it within 2 deg of the
+#    truth, with *pool* and the baseline alone.
+# 3. *sideways*, two points, at 100 ms: the error is three times what is stated. Find the shortest
+#    baseline at which it is smaller than stated.
+# 4. Press play. Which parts of the image give matches, and which never do?
 #
 # If the environment variable `EVCALIB_DATA` names a folder with the real *slider_depth*, the panel
-# offers it too. The true heading is (1, 0, 0) there, to about 1 deg.
+# offers it too. The true heading there is (1, 0, 0), to about 1 deg.
 
 # %% tags=["nbval-ignore-output"]
 from evcalib.widgets.heading import HeadingPanel
@@ -418,10 +465,15 @@ HeadingPanel(drives | ({"slider_depth": real} if real else {}))
 #
 # ## In the library
 #
-# - `evcalib.epipolar`: `two_point`, `five_point` with one result type, `turn_explains`.
-# - `evcalib.two_views`: keypoints and matches at chosen times, as used here.
-# - `evcalib.estimate_headings` for a recording; `HeadingEstimator` for a stream in pieces.
-# - `evcalib.plots.heading`, `evcalib.widgets.heading.HeadingPanel`: the pictures of this notebook.
-# - `evcalib headings RECORDING --camera CALIB -o headings.csv` from the command line.
+# - [`evcalib.epipolar`](../evcalib/epipolar.py): `two_point` and `five_point`, with one type of
+#   result, and `turn_explains`.
+# - [`evcalib.two_views`](../evcalib/two_views.py): keypoints and matches at chosen times, as here.
+# - [`evcalib.estimate_headings`](../evcalib/heading.py): the chain for a recording, and
+#   `HeadingEstimator` for a stream that comes in pieces.
+# - [`evcalib.plots.heading`](../evcalib/plots/heading.py) and
+#   [`evcalib.widgets.heading.HeadingPanel`](../evcalib/widgets/heading.py): the pictures of this
+#   notebook.
+# - On the command line: `evcalib headings RECORDING --camera CALIB -o headings.csv`.
 #
-# **Next:** notebook 3 makes the other stream, the velocity of the body, from the wheels.
+# **Next:** [notebook 3](03_kinematics.ipynb) makes the other stream, the velocity of the body, from
+# the wheels.

@@ -4,23 +4,32 @@
 # **For whom.** You have a vehicle that can drive in any direction, a log of its wheels, and no
 # background in robotics.
 #
-# **What you will learn.**
+# **What you will be able to do.**
 #
-# 1. what one wheel tells about the motion of the whole body,
-# 2. how to combine all wheels, and what it means when they disagree (*slip*),
-# 3. when the short formula of the paper is right, and by how much it is wrong otherwise,
-# 4. that swerve, mecanum and omni wheels are one problem with three matrices,
-# 5. how to turn a real log into the velocity stream that the calibration needs.
+# 1. say what one wheel tells about the motion of the whole body,
+# 2. combine all wheels, and say what it means when they disagree (*slip*),
+# 3. say when the short formula of the paper is right, and how wrong it is otherwise,
+# 4. treat swerve, mecanum and omni wheels as one problem with three matrices,
+# 5. turn a log of wheels into the velocities that the calibration needs.
 #
-# **Required knowledge.** Vectors in the plane, and least squares as an idea. **Time.** 25 minutes.
+# **Required knowledge.** Vectors in the plane, and least squares as an idea.
 #
-# **Where we are.** The calibration compares two streams of directions. The camera's was the matter
-# of notebook 2; this notebook makes the other one, $\mathbf v_o(t)$, from the wheels. Equations
-# are numbered here on their own; a departure from the paper is said where it occurs.
+# **Time.** 30 minutes: 20 of reading, 10 of playing with the panel.
+#
+# The question: how does the body move, given what its wheels do? The body's axes are X forward, Y
+# to the left and Z up. A rigid body in the plane moves with three numbers, its *twist*: the
+# velocity $(v_x, v_y)$ of the point where the axes meet, and the yaw rate $\omega$, positive
+# counter-clockwise. A point of the body at $(x, y)$ then moves with the velocity
+#
+# $$\mathbf u = \begin{pmatrix} v_x - \omega\,y \\ v_y + \omega\,x \end{pmatrix}. \tag{1}$$
+#
+# The calibration compares two streams of directions. Notebook 2 made the camera's; this notebook
+# makes the other one, the velocity of the body $\mathbf v_o(t)$, from the wheels.
 
 # %%
 import math
 import tempfile
+import textwrap
 from pathlib import Path
 
 import matplotlib.pyplot as plt
@@ -30,21 +39,16 @@ from data_tools import motion, vehicles, wheel_logs
 from evcalib.errors import InputError
 from evcalib.kinematics import Mecanum, Omni, OmniWheel, Swerve, Wheel, WheelLog, WheelStates
 from evcalib.plots import draw_motion, draw_velocity_log, explain_motion, style
+from evcalib.plots.kinematics import draw_motions, draw_speed_error, draw_travel
 
 style.use()
 
 # %% [markdown]
 # ## What one wheel tells
 #
-# The body frame has X forward, Y to the left and Z up. A rigid body in the plane moves with three
-# numbers, its *twist*: the velocity $(v_x, v_y)$ of the frame's origin and the yaw rate $\omega$,
-# positive counter-clockwise. A point at $(x, y)$ then moves with
-#
-# $$\mathbf u = \begin{pmatrix} v_x - \omega\,y \\ v_y + \omega\,x \end{pmatrix}. \tag{1}$$
-#
-# A wheel that rolls without slipping must point along $\mathbf u$ and run at the speed
-# $\lVert\mathbf u\rVert$. So each wheel that both steers and drives *measures* $\mathbf u$ at the
-# place where it stands. Here is a vehicle with four of them:
+# A wheel that rolls without slipping must point along $\mathbf u$ at the place where it touches the
+# ground, and run at the speed $\lVert\mathbf u\rVert$. So a wheel that both steers and drives
+# *measures* $\mathbf u$ there. A vehicle with four such wheels is called a *swerve* drive:
 
 # %%
 places = {"fl": (0.30, 0.25), "fr": (0.30, -0.25), "rl": (-0.30, 0.25), "rr": (-0.30, -0.25)}
@@ -65,36 +69,40 @@ assert math.isclose(angle, math.atan2(0.30, -0.25))
 
 # %% [markdown]
 # Four motions of the same vehicle, seen from above. Orange arrows are what the wheels measure,
-# drawn as the way they go in 0.3 s; the thick blue arrow is the body; the cross is the point about
-# which it turns. **See:** only when nothing turns are all orange arrows equal. In a curve every
-# wheel stands at a right angle to its line to the cross.
+# drawn as the way they go in 0.3 s. The thick blue arrow is the velocity of the body, and the blue
+# cross is the point about which it turns.
+#
+# **See:** only if nothing turns are all orange arrows equal. In a curve, each wheel stands at a
+# right angle to the line from it to the cross.
 
 # %%
-motions = {"forward": (1, 0, 0), "crab": (0.7, 0.7, 0), "spin": (0, 0, 2), "curve": (0.8, 0, 1.4)}
-figure, axes = plt.subplots(1, 4, figsize=(12, 3.3))
-for ax, (name, (vx, vy, omega)) in zip(axes, motions.items(), strict=True):
-    draw_motion(ax, swerve, swerve.wheel_states([[vx, vy]], [omega]))
-    ax.set_title(name)
+cases = {"forward": (1, 0, 0), "crab": (0.7, 0.7, 0), "spin": (0, 0, 2), "curve": (0.8, 0, 1.4)}
+states = {name: swerve.wheel_states([[vx, vy]], [w]) for name, (vx, vy, w) in cases.items()}
+figure, axes = plt.subplots(1, 4, figsize=(9.4, 2.9), sharey=True)
+draw_motions(axes, {name: (swerve, s) for name, s in states.items()})
 explain_motion(figure)
 plt.show()
 
 # %% [markdown]
 # ## All wheels together
 #
-# Backwards it is more interesting: given all $\mathbf u_i$, which twist explains them? Four wheels
-# give eight numbers for three unknowns. Stack (1) for all wheels into one matrix,
+# Now the other way round: given what all wheels measure, $\mathbf u_1$ to $\mathbf u_k$, which
+# twist explains them? Four wheels give eight numbers for three unknowns. Stack (1) for all wheels into
+# one matrix,
 #
 # $$\begin{pmatrix} \mathbf u_1 \\ \vdots \\ \mathbf u_k \end{pmatrix} \approx
 # H \begin{pmatrix} v_x \\ v_y \\ \omega \end{pmatrix}, \qquad
 # H_i = \begin{pmatrix} 1 & 0 & -y_i \\ 0 & 1 & x_i \end{pmatrix}, \tag{2}$$
 #
-# and take the least-squares solution. The first two rows belong to the front left wheel:
+# and take the least-squares solution. (This is ours; the paper has the average of (4) below.) These
+# are the rows of the two front wheels, the left one first:
 
 # %%
 print(swerve.matrix[:4])
 
 # %% [markdown]
-# `twist` does it for every row of a log at once. There and back again must give what went in:
+# `twist` solves (2) for each row of a log. From twist to wheels and back again must give what went
+# in:
 
 # %%
 curve = swerve.wheel_states([[0.8, 0.0]], [1.4])
@@ -117,13 +125,13 @@ assert np.allclose(swerve.twist(flipped).yaw_rate, twist.yaw_rate)
 # %% [markdown]
 # ## When wheels disagree: slip
 #
-# What least squares cannot explain is called slip here. In metres per second it is the root mean
-# square, over the wheels, of what each measures minus what the best twist implies:
+# What least squares cannot explain is called *slip* here. It is the root mean square, over the
+# wheels, of what each of them measures minus what the best twist implies, in metres per second:
 #
 # $$\text{slip} = \sqrt{\tfrac1k \textstyle\sum_i
 # \lVert \mathbf u_i - H_i\,(v_x, v_y, \omega)^\top \rVert^2}. \tag{3}$$
 #
-# The front left wheel comes onto ice and spins at 1.6 m/s while the vehicle drives 0.8 m/s:
+# Let the front left wheel come onto ice, and spin at 1.6 m/s while the vehicle drives 0.8 m/s:
 
 # %%
 ice = WheelStates(np.array([[1.6, 0.8, 0.8, 0.8]]), np.zeros((1, 4)))
@@ -132,9 +140,9 @@ print(f"v_x = {on_ice.v[0, 0]:.3f} m/s instead of 0.8")
 print(f"yaw rate {on_ice.yaw_rate[0]:.3f} rad/s, slip {on_ice.slip[0]:.3f} m/s")
 
 # %% [markdown]
-# **See:** the purple bars lie at all four wheels, not only at the guilty one. Least squares shares
-# the error out, and the vehicle seems to turn right. So slip does not say *which* wheel is wrong,
-# but it says well that this row is not to be trusted.
+# **See:** the purple bars of slip lie at all four wheels, not only at the guilty one. Least squares
+# shares the error out, and the vehicle seems to turn right. So slip does not say *which* wheel is
+# wrong, but it does say that this row is not to be trusted.
 
 # %%
 figure, ax = plt.subplots(figsize=(4.6, 5.2))
@@ -145,13 +153,15 @@ plt.show()
 # %% [markdown]
 # ## The paper's average
 #
-# The paper drives all wheels alike and uses their mean speed and mean angle:
+# The paper steers and drives all wheels alike, and uses their mean speed $\bar v$ and their mean
+# angle $\bar\theta$:
 #
 # $$\mathbf v_o = \bar v \, (\cos\bar\theta,\; \sin\bar\theta,\; 0)^\top. \tag{4}$$
 #
-# Two remarks. As printed, as a column times a rotation matrix, the formula gives $-\sin\bar\theta$
-# if it is read with row vectors: an erratum, since the wheels and the body turn the same way. And
-# angles must be averaged on the circle:
+# Two remarks. The paper prints this as a rotation matrix times a vector in a way that gives
+# $-\sin\bar\theta$ if it is read with row vectors. That is an erratum: wheels that steer to the
+# left take the body to the left. And angles must be averaged on the circle, as directions, not as
+# numbers:
 
 # %%
 average = Swerve(swerve.wheels, method="average")
@@ -164,8 +174,8 @@ assert np.allclose(backwards.v, [[-1.0, 0.0]])
 
 # %% [markdown]
 # The average is right as long as the body does not turn. If it turns, each wheel has its own
-# speed, and the mean of the *lengths* is more than the length of the mean. We drive forward at
-# 1 m/s and turn ever faster:
+# velocity, and the mean of their *lengths* is more than the length of their mean. Drive forward at
+# 1 m/s, and turn ever faster:
 
 # %%
 rates = np.linspace(0.0, 2.0, 41)
@@ -179,29 +189,31 @@ assert np.allclose(error["least_squares"], 0.0)
 
 # %% [markdown]
 # **See:** the error grows with the square of the yaw rate, and at 0.2 rad/s it is still tiny. This
-# is why the paper may use the average on a vehicle that only translates, and why we do not.
+# is why the paper may use the average on a vehicle that only translates, and why we use least
+# squares.
 
 # %%
-figure, ax = plt.subplots(figsize=style.SMALL)
-ax.plot(rates, error["average"], "--", color=style.OUTLIER, label="paper's average")
-ax.plot(rates, error["least_squares"], color=style.BODY, label="least squares")
-ax.legend()
-style.label(ax, "yaw rate [rad/s]", "error of the forward speed [m/s]")
+figure, ax = plt.subplots(figsize=(5.6, 3.2))
+shown = {"paper's average": error["average"], "least squares": error["least_squares"]}
+draw_speed_error(ax, rates, shown)
 plt.show()
 
 # %% [markdown]
 # ## Other wheels, same idea
 #
-# A wheel with rollers slides freely in one direction, so it measures only *one component* of its
-# contact velocity: one row of $H$ instead of two.
+# A wheel with rollers on its rim slides freely in one direction. So it measures only *one
+# component* of its contact velocity, which is one row of $H$ instead of two. For an **omni wheel**
+# that rolls towards the angle $\beta$, the speed of the rim is
 #
-# - **Omni wheel**, rolling towards angle $\beta$: $\; s = v_x \cos\beta + v_y \sin\beta +
-#   \omega\,(x \sin\beta - y \cos\beta).\quad (5)$
-# - **Mecanum wheel**, rollers at 45 degrees: $\; s = u_x \mp u_y$, minus for front left and rear
-#   right. $\quad (6)$
+# $$s = v_x \cos\beta + v_y \sin\beta + \omega\,(x \sin\beta - y \cos\beta), \tag{5}$$
 #
-# Both are in Lynch & Park, *Modern Robotics*, section 13.2. Here $s$ is the speed of the rim:
-# rotation rate times wheel radius.
+# and for a **mecanum wheel**, whose rollers stand at 45 degrees,
+#
+# $$s = u_x \mp u_y, \tag{6}$$
+#
+# with minus for front left and rear right. Both are in Lynch and Park, *Modern Robotics*, section
+# 13.2; the speed of the rim is the rotation rate times the wheel's radius. Here are the matrix of a
+# mecanum vehicle, and a *kiwi* drive of three omni wheels:
 
 # %%
 mecanum = Mecanum(half_length=0.30, half_width=0.25)
@@ -215,38 +227,42 @@ kiwi = Omni(
 print(mecanum.matrix)
 
 # %% [markdown]
-# The same twist for all three, with the first wheel 0.4 m/s too fast. **See:** swerve and mecanum
-# notice. The three wheels of the kiwi drive cannot: three numbers for three unknowns always fit,
-# and the blue arrow is simply wrong, with no sign of it.
+# All three drive the same twist, but the first wheel of each reports 0.4 m/s too much.
+#
+# **See:** swerve and mecanum notice, by their purple bars. The three wheels of the kiwi drive
+# cannot: three numbers for three unknowns always fit. Its blue arrow is simply wrong, with no sign
+# of it.
 
 # %%
-figure, axes = plt.subplots(1, 3, figsize=(11, 4.2))
-for ax, vehicle in zip(axes, (swerve, mecanum, kiwi), strict=True):
+cases = {}
+for vehicle in (swerve, mecanum, kiwi):
     states = vehicle.wheel_states([[0.6, 0.4]], [0.8])
     states.speed[0, 0] += 0.4
-    draw_motion(ax, vehicle, states, reach=0.75)
-    ax.set_title(f"{type(vehicle).__name__}: slip {abs(vehicle.twist(states).slip[0]):.2f} m/s")
+    slip = abs(vehicle.twist(states).slip[0])
+    cases[f"{type(vehicle).__name__}: slip {slip:.2f} m/s"] = vehicle, states
+figure, axes = plt.subplots(1, 3, figsize=(9.4, 3.7), sharey=True)
+draw_motions(axes, cases)
 explain_motion(figure)
 plt.show()
 
 # %% [markdown]
-# Not every placement of wheels can answer. If all wheels roll through one common point, turning
-# about it moves none of them. The library refuses such a vehicle and names the motion that it
-# cannot see:
+# Not every placement of wheels can answer. If the rolling directions of all wheels point through
+# one common point, turning about that point moves none of them. The library refuses such a vehicle
+# and names the motion that it cannot see:
 
 # %%
 radial = [OmniWheel(w.name, w.x, w.y, drive=around[w.name]) for w in kiwi.wheels]
 try:
     Omni(tuple(radial))
-except InputError as error_message:
-    print(error_message)
+except InputError as refusal:
+    print(textwrap.fill(str(refusal), 90))
 
 # %% [markdown]
 # ## A whole log
 #
-# Now the real work. We simulate a drive of 20 s along an S-curve, log the wheels at 50 Hz with a
-# little noise, and spoil it twice: from 8 to 9 s the vehicle turns, from 14 to 15 s the front
-# right wheel slips.
+# Now the real work. We simulate a drive of 20 s along an S-curve, and log the wheels at 50 Hz with
+# a little noise. Then we spoil the log twice: from 8 to 9 s the vehicle turns, and from 14 to 15 s
+# the front right wheel slips.
 
 # %%
 rng = np.random.default_rng(3)
@@ -261,8 +277,8 @@ states = WheelStates(
 states.speed[(t >= 14) & (t < 15), 1] += 0.3
 
 # %% [markdown]
-# On disk a vehicle is a few lines of YAML and a log is a CSV file with `t`, then `speed_NAME` [m/s]
-# and `steer_NAME` [rad] for each wheel.
+# On disk, a vehicle is a few lines of YAML. A log is a CSV file with a column `t` [s], and for each
+# wheel `speed_NAME` [m/s] and `steer_NAME` [rad].
 
 # %%
 folder = Path(tempfile.mkdtemp())
@@ -272,9 +288,11 @@ print((folder / "vehicle.yaml").read_text())
 print((folder / "wheels.csv").read_text().splitlines()[0])
 
 # %% [markdown]
-# One call reads both and returns the velocities. The lowest panel shows what slip is for: **see**
-# the second from 14 s on stand out from the noise. The turn at 8 s is *not* slip, because the
-# model explains it.
+# One call reads both files and returns the velocities.
+#
+# **See:** in the lowest panel, the second from 14 s on stands out from the noise. That is what slip
+# is for. The turn at 8 s shows in the yaw rate (middle), but it is *not* slip, because the model
+# explains it.
 
 # %%
 everything = wheel_logs.velocities_from_files(folder / "wheels.csv", folder / "vehicle.yaml")
@@ -284,9 +302,9 @@ print(everything.summary())
 plt.show()
 
 # %% [markdown]
-# The calibration wants rows of which it can be sure: no slip, and little rotation, because a camera
-# away from the body's origin sees another velocity than the origin's when the body turns. Two
-# limits remove the rest and tell how much it was:
+# The calibration wants rows that can be trusted: without slip, and with little rotation, because
+# when the body turns, the camera moves with another velocity than the origin of the body, by (1).
+# Two limits take out the other rows, and tell how many they were:
 
 # %%
 gated = wheel_logs.velocities_from_files(
@@ -309,7 +327,7 @@ for name, result in {"all rows": everything, "gated": gated}.items():
 assert worst["gated"] < 0.4 * worst["all rows"]
 
 # %% [markdown]
-# A good log is worth little if it is read wrongly. The reader therefore refuses what looks like
+# A good log is worth little if it is read in the wrong unit. So the reader refuses what looks like
 # another unit, and says where. Here somebody logged degrees:
 
 # %%
@@ -317,18 +335,38 @@ degrees = WheelStates(states.speed, np.degrees(states.steer))
 wheel_logs.write_wheel_log(folder / "degrees.csv", WheelLog(t, degrees), swerve)
 try:
     wheel_logs.read_wheel_log(folder / "degrees.csv", swerve)
-except InputError as error_message:
-    print(str(error_message).replace(str(folder), "..."))
+except InputError as refusal:
+    print(textwrap.fill(str(refusal).replace(str(folder), "..."), 90))
 
 # %% [markdown]
 # ## Drive it yourself
 #
-# The panel draws the same picture as above, for wheels that you steer and drive. Try this:
+# In the panel below you steer and drive each wheel by hand. First as a static picture, for a curve
+# to the left with the front left wheel too fast.
 #
-# 1. Start from *forward* and raise only `fl speed`: how much of it does the body take over?
-# 2. Start from *sideways* and turn one wheel by 180 degrees. Then make its speed negative.
-# 3. Start from *spin on the spot*: why does the paper's average show no velocity, and what would
-#    it show if you turned a single wheel?
+# **See:** left, the picture as above. Right, the way that the vehicle goes in 3 s if its wheels
+# stay as they are, and where it is after 1 s; the blue line on it points to its front.
+
+# %%
+states = swerve.wheel_states([[0.8, 0.0]], [1.0])
+states.speed[0, 0] += 0.4
+figure, (left, right) = plt.subplots(1, 2, figsize=(9.0, 4.6))
+draw_motion(left, swerve, states)
+draw_travel(right, swerve, states, seconds=3.0, now=1.0)
+explain_motion(figure)
+plt.show()
+
+# %% [markdown]
+# **Your turn.** The table below the picture has the twist, by least squares and by the paper's
+# average.
+#
+# 1. *forward*: raise only the speed of `fl` by 0.4 m/s. How much of it does the body take over?
+# 2. *sideways*: turn one wheel by 180 degrees, and make its speed negative. The slip is zero again.
+# 3. *spin on the spot*: the paper's average shows no velocity. Turn a single wheel by one step, and
+#    it shows one of 0.6 m/s, while least squares stays below 0.02. (What does the mean angle in (4)
+#    mean when all directions cancel?)
+# 4. From any start, make the vehicle turn about its own front left wheel. (The blue cross must lie
+#    on the wheel, with a slip below 0.02 m/s.) Then press play.
 
 # %%
 from evcalib.widgets import SwervePanel
@@ -339,7 +377,7 @@ SwervePanel(swerve)
 # ## Exercises
 #
 # **1.** The vehicle shall turn about the point 1 m to its left, $(0, 1)$, at 0.5 rad/s. What is its
-# twist, and what are the states of the front left wheel?
+# twist, and what are the speed and the angle of the front left wheel?
 #
 # <details><summary>Solution</summary>
 #
@@ -374,12 +412,15 @@ SwervePanel(swerve)
 #
 # ## In the library
 #
-# - `evcalib.kinematics`: `Swerve`, `Mecanum`, `Omni` with `twist` and `wheel_states`;
-#   `body_velocities` for a whole log with limits on slip and yaw rate.
-# - `data_tools.vehicles` and `data_tools.wheel_logs`: the two files, read and written.
-# - `evcalib.plots.draw_motion`, `evcalib.widgets.SwervePanel`: the pictures of this notebook.
-# - The same from the command line:
-#   `evcalib velocities wheels.csv --vehicle vehicle.yaml -o velocities.csv --max-slip 0.05`
+# - [`evcalib.kinematics`](../evcalib/kinematics/__init__.py): `Swerve`, `Mecanum` and `Omni`
+#   with `twist` and `wheel_states`; `body_velocities` for a whole log, with limits on slip and yaw rate.
+# - [`data_tools.vehicles`](../data_tools/vehicles.py) and
+#   [`data_tools.wheel_logs`](../data_tools/wheel_logs.py): the two files, read and written.
+# - [`evcalib.plots.kinematics`](../evcalib/plots/kinematics.py) and
+#   [`evcalib.widgets.SwervePanel`](../evcalib/widgets/kinematics.py): the pictures of this
+#   notebook.
+# - On the command line:
+#   `evcalib velocities wheels.csv --vehicle vehicle.yaml -o velocities.csv --max-slip 0.05`.
 #
-# **Next:** the wheels' clock and the camera's clock do not agree. Notebook 4 finds the offset
-# between them.
+# **Next:** the wheels' clock and the camera's clock do not agree. [Notebook 4](04_offset.ipynb)
+# finds the offset between them.

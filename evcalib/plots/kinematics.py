@@ -64,17 +64,16 @@ def draw_motion(
         _bar(ax, place + SECONDS * should, place + SECONDS * is_)
     _arrow(ax, np.zeros(2), SECONDS * twist.v[0], style.BODY, width=3.0)
     if reach is None:
-        tips = np.concatenate([positions + SECONDS * measured, positions + SECONDS * implied])
-        reach = max(2.2 * size, 1.05 * float(np.abs(tips).max()))
+        reach = _reach(vehicle, one)
     _draw_turning_point(ax, twist.v[0], float(twist.yaw_rate[0]), reach)
     _frame(ax, reach)
 
 
 def draw_motions(axes: Sequence[Axes], cases: Mapping[str, tuple[Vehicle, WheelStates]]) -> None:
     """Draw vehicles and their motions side by side to one scale (`draw_motion`), with titles."""
-    size = max(float(np.abs(vehicle.positions).max()) for vehicle, _ in cases.values())
+    reach = max(_reach(vehicle, states) for vehicle, states in cases.values())
     for ax, (name, (vehicle, states)) in zip(axes, cases.items(), strict=True):
-        draw_motion(ax, vehicle, states, reach=2.5 * size)
+        draw_motion(ax, vehicle, states, reach=reach)
         ax.set_title(name)
         if ax is not axes[0]:
             ax.set_ylabel("")
@@ -171,6 +170,15 @@ def draw_speed_error(ax: Axes, rates: NDArray, errors: Mapping[str, NDArray]) ->
         ax.plot(rates, error, dash, color=color, label=name)
     ax.legend(loc="upper left")
     style.label(ax, "yaw rate [rad/s]", "error of the forward speed [m/s]")
+
+
+def _reach(vehicle: Vehicle, one: WheelStates) -> float:
+    """Return half the side [m] of a picture that holds a vehicle and all arrows."""
+    twist, angle = vehicle.twist(one), _wheel_angles(vehicle, one)
+    measured = one.speed[0][:, None] * _unit(angle)
+    implied = _implied(vehicle, twist.v[0], float(twist.yaw_rate[0]), angle)
+    tips = vehicle.positions + SECONDS * np.stack([measured, implied])
+    return float(max(2.2 * np.abs(vehicle.positions).max(), 1.08 * np.abs(tips).max()))
 
 
 def _wheel_angles(vehicle: Vehicle, one: WheelStates) -> NDArray[np.float64]:
