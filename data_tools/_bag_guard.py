@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sqlite3
+from contextlib import closing
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -14,20 +16,35 @@ METADATA = "metadata.yaml"
 _ZSTD_HEAD = 18
 
 
-def check_folder(path: Path) -> None:
-    """Refuse a folder whose description is no plain YAML, or whose packed files are bombs.
+def check_files(path: Path) -> None:
+    """Refuse what `rosbags` would be led astray by, in a file or a folder of files.
+
+    That is a description that is no plain YAML, packed files that are bombs, and databases in
+    which a query, which may never end, stands for the messages.
 
     Raises
     ------
     InputError
         Which of them, and why.
     """
-    read_yaml(path / METADATA)
-    for file in path.iterdir():
+    if path.is_dir():
+        read_yaml(path / METADATA)
+    for file in path.iterdir() if path.is_dir() else (path,):
         with file.open("rb") as stream:
-            size = zstd_size(stream.read(_ZSTD_HEAD))
+            head = stream.read(_ZSTD_HEAD)
+        size = zstd_size(head)
         if size is not None:
             check_ratio(size, file.stat().st_size)
+        if head.startswith(b"SQLite format 3"):
+            _check_database(file)
+
+
+def _check_database(path: Path) -> None:
+    address = f"{path.absolute().as_uri()}?mode=ro&immutable=1"
+    with closing(sqlite3.connect(address, uri=True)) as database:
+        kinds = {kind for (kind,) in database.execute("SELECT type FROM sqlite_master")}
+    if not kinds <= {"table", "index"}:
+        raise InputError(f"{path} holds more than tables: {', '.join(sorted(kinds))}")
 
 
 def bound_chunks(reader: Any) -> None:

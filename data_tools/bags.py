@@ -186,8 +186,7 @@ def open_bag(path: str | Path) -> Iterator[Bag]:
             bag = _salvaged(path, salvage, 1 if suffix == ".bag" else 2)
         else:
             salvage = None
-            if not suffix:
-                _bag_guard.check_folder(path)
+            _bag_guard.check_files(path)
             reader: Any = Reader1(path) if suffix == ".bag" else Reader2(path)
             reader.open()
     if salvage is not None:

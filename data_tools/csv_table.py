@@ -47,7 +47,8 @@ def read_table(path: str | Path, only: Collection[str] | None = None) -> Table:
     ------
     InputError
         If the file cannot be read, is empty or has one row, repeats a column, or holds a cell
-        that is no finite number; the message names file, line and column.
+        that is no finite number; the message names file, line and column.  And if it ends within
+        a number, without the end of a line: digits may be missing.
     """
     header, rows, lines = _read_cells(path)
     if only is not None:

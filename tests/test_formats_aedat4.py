@@ -17,7 +17,7 @@ EVENTS = 78_830
 
 @pytest.fixture
 def whole(data):
-    pytest.importorskip("aedat")
+    pytest.importorskip("lz4")
     return (data / "formats" / "davis346.aedat4").read_bytes()
 
 
@@ -37,8 +37,7 @@ def columns(recording):
 
 
 def test_a_real_file(whole, write, data):
-    import aedat
-
+    aedat = pytest.importorskip("aedat")
     path = write(whole)
     recording = open_recording(path)
     found = columns(recording)

@@ -6,9 +6,11 @@ Bounds of size are lowered here, so that the bombs are small; `grown` sees what 
 import ast
 import bz2
 import gzip
+import sqlite3
 import struct
 import tracemalloc
 import zipfile
+import zlib
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -224,8 +226,6 @@ def test_a_chunk_that_hdf5_lacks_is_noticed(tmp_path):
 
 
 def test_hdf5_chunks_that_unpack_to_more_than_a_chunk_are_refused(tmp_path):
-    import zlib
-
     def bomb(group, name):
         data = group.create_dataset(name, (seeds.COUNT,), "u2", chunks=(300,), compression="gzip")
         data.id.write_direct_chunk((0,), zlib.compress(bytes(20 << 20)))
@@ -356,8 +356,6 @@ def test_sizes_that_bags_claim_are_not_allocated(tmp_path, write):
 
 def test_messages_that_a_bag_counts_but_lacks_are_a_loss(tmp_path):
     pytest.importorskip("rosbags")
-    import sqlite3
-
     path = tmp_path / "input.db3"
     path.write_bytes(seeds.bag("sqlite3"))
     whole, _ = read_events(path)
@@ -374,6 +372,21 @@ def test_messages_that_a_bag_counts_but_lacks_are_a_loss(tmp_path):
         changed.execute("DELETE FROM messages")
     with pytest.raises(InputError, match=r"holds no events|holds no messages"):
         read_events(tmp_path / "bag")
+
+
+def test_a_database_whose_messages_are_an_endless_query_is_refused(tmp_path):
+    pytest.importorskip("rosbags")
+    path = tmp_path / "input.db3"
+    path.write_bytes(seeds.bag("sqlite3"))
+    with sqlite3.connect(path) as database:
+        database.execute("ALTER TABLE messages RENAME TO old")
+        database.execute(
+            "CREATE VIEW messages AS WITH RECURSIVE n(k) AS"
+            " (SELECT 1 UNION ALL SELECT k + 1 FROM n) SELECT k AS id, 1 AS topic_id, k AS timestamp, x'00' AS data FROM n"
+        )
+    database.close()
+    with pytest.raises(InputError, match="holds more than tables: index, table, view"):
+        read_events(path)
 
 
 def test_a_definition_cannot_make_a_message_another(write):

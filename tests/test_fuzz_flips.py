@@ -13,9 +13,9 @@ from fuzz.targets import TARGETS, attempt, read_events
 
 from evcalib.errors import InputError
 
-EVENTS = ("text", "text-gzip", "text-zip", "csv", "npz", "hdf5", "evt2", "evt3", "dat")
+EVENTS = ("text", "text-gzip", "text-zip", "csv", "npz", "hdf5", "evt2", "evt3", "dat", "aedat4")
 BAGS = ("rosbag1", "rosbag2-sqlite3", "rosbag2-mcap", "rosbag2-metadata")
-OTHERS = [name for name in TARGETS if name not in (*EVENTS, *BAGS, "aedat4")]
+OTHERS = [name for name in TARGETS if name not in (*EVENTS, *BAGS)]
 SLOW = {"npz": 120, "hdf5": 25, "rosbag1": 30, "rosbag2-sqlite3": 15, "rosbag2-mcap": 30}
 SLOW |= {"rosbag2-metadata": 30, "bag-joints": 40, "bag-twists": 40}
 CHECKED = ("text-gzip", "text-zip", "npz")
@@ -25,6 +25,8 @@ UNCOUNTED = ("evt2", "evt3")
 def inputs(name):
     if "bag" in name:
         pytest.importorskip("rosbags")
+    if name == "aedat4":
+        pytest.importorskip("lz4")
     return TARGETS[name].make()
 
 
