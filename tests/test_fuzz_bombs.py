@@ -382,7 +382,8 @@ def test_a_database_whose_messages_are_an_endless_query_is_refused(tmp_path):
         database.execute("ALTER TABLE messages RENAME TO old")
         database.execute(
             "CREATE VIEW messages AS WITH RECURSIVE n(k) AS"
-            " (SELECT 1 UNION ALL SELECT k + 1 FROM n) SELECT k AS id, 1 AS topic_id, k AS timestamp, x'00' AS data FROM n"
+            " (SELECT 1 UNION ALL SELECT k + 1 FROM n)"
+            " SELECT k AS id, 1 AS topic_id, k AS timestamp, x'00' AS data FROM n"
         )
     database.close()
     with pytest.raises(InputError, match="holds more than tables: index, table, view"):
