@@ -87,8 +87,8 @@ plt.show()
 # ## All wheels together
 #
 # Now the other way round: given what all wheels measure, $\mathbf u_1$ to $\mathbf u_k$, which
-# twist explains them? Four wheels give eight numbers for three unknowns. Stack (1) for all wheels into
-# one matrix,
+# twist explains them? Four wheels give eight numbers for three unknowns. Stack (1) for all wheels
+# into one matrix,
 #
 # $$\begin{pmatrix} \mathbf u_1 \\ \vdots \\ \mathbf u_k \end{pmatrix} \approx
 # H \begin{pmatrix} v_x \\ v_y \\ \omega \end{pmatrix}, \qquad
@@ -413,7 +413,8 @@ SwervePanel(swerve)
 # ## In the library
 #
 # - [`evcalib.kinematics`](../evcalib/kinematics/__init__.py): `Swerve`, `Mecanum` and `Omni`
-#   with `twist` and `wheel_states`; `body_velocities` for a whole log, with limits on slip and yaw rate.
+#   with `twist` and `wheel_states`; `body_velocities` for a whole log, with limits on slip and yaw
+#   rate.
 # - [`data_tools.vehicles`](../data_tools/vehicles.py) and
 #   [`data_tools.wheel_logs`](../data_tools/wheel_logs.py): the two files, read and written.
 # - [`evcalib.plots.kinematics`](../evcalib/plots/kinematics.py) and
