@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from evcalib import _check
 from evcalib.errors import InputError
+from evcalib.offset import OffsetCurve
 from evcalib.plots import style
 
 Table = Mapping[str, NDArray[Any]]
@@ -138,10 +139,47 @@ def draw_cost_of_clock(
     expected, found : sequence of ndarray, shape (n,)
         By group: errors that the offset explains, and those that there were [deg].
     """
-    most = max(float(part.max(initial=1.0)) for part in expected)
-    ax.plot([0, most], [0, most], color=style.TRUE, lw=1, label="as explained")
+    ax.axline((0.0, 0.0), slope=1.0, color=style.TRUE, lw=1, label="as explained")
     for x, y in zip(expected, found, strict=True):
         ax.plot(x, y, ".", ms=3, color=style.OUTLIER, label="drives" if y is found[0] else None)
+
+
+def draw_arcs(
+    axes: Sequence[Axes],
+    curves: Mapping[str, OffsetCurve],
+    found: Mapping[float, Sequence[NDArray[np.float64]]],
+    *,
+    true: float,
+) -> None:
+    """Draw scores of offsets, and what a search on arcs at 1 m/s makes of the rotation.
+
+    Parameters
+    ----------
+    axes : sequence of two Axes
+        Where to draw.
+    curves : mapping of str to OffsetCurve
+        By the name of the drive; arcs are drawn as outliers.
+    found : mapping of float to sequence of two ndarray, shape (n,)
+        By the radius of the arc [m]: errors of the offset [s] and of the rotation [deg].
+    true : float
+        True offset of the curves [s].
+    """
+    left, right = axes
+    for (name, curve), dash in zip(curves.items(), ("-", "--", ":", "-", "-."), strict=False):
+        colour = style.OUTLIER if name.startswith("arc") else style.BODY
+        left.plot(curve.offsets, curve.score, dash, color=colour, label=name)
+    left.axvline(true, color=style.TRUE, lw=1.2, ls=":", label="true offset")
+    left.locator_params(axis="x", nbins=5)
+    style.label(left, "offset [s]", "trace correlation [-]")
+    left.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=3, columnspacing=1.0)
+    looks = ((style.OUTLIER, "o", "-"), (style.MEASURED, "s", "--"), (style.MUTED, "^", "-."))
+    for (radius, (late, turned)), (colour, marker, dash) in zip(found.items(), looks, strict=False):
+        late_ms, most = 1000 * np.abs(late), 1000 * float(np.abs(late).max(initial=0.1))
+        right.plot(late_ms, turned, marker, ms=3.5, color=colour, label=f"arc of {radius:g} m")
+        slope = np.degrees(1e-3 / radius)
+        right.plot([0, most], [0, slope * most], dash, color=colour, lw=0.9)
+    style.label(right, "error of the offset [ms]", "error of the rotation [deg]")
+    right.legend(loc="upper left", markerscale=1.5)
 
 
 def study_figure(
