@@ -200,8 +200,8 @@ plt.show()
 
 # %% [markdown]
 # One track is a hint. Some hundred of them are an answer. For each candidate offset we sum the
-# squared misfits of all long tracks (none counts more than 0.5, so that wild ones do no harm). A
-# method of a few lines:
+# squared misfits of all long tracks (none counts more than 0.5 px², so that wild ones do no harm).
+# A method of a few lines:
 
 
 # %%
@@ -230,7 +230,7 @@ ax.legend()
 plt.show()
 
 # %% [markdown]
-# ## The joint refinement
+# ## Stage 4: the joint refinement
 #
 # The sketch above looks at lengths only. The real thing predicts each sighting as a point. Let
 # $\mathbf b$ be the bearing of the anchor (the unit vector towards the corner), $\mathbf e_1,
@@ -394,6 +394,8 @@ print(f"{known.sum()} of {known.size} drives answered; refused: {', '.join(refus
 print(f"offset held by its interval: {holds.sum()}, rotation: {covers.sum()}")
 
 # %% [markdown]
+# Of 40 such intervals 38 should hold, and 35 to 40 by chance.
+#
 # **See:** the error of the offset (left) with its 95 % interval, and of the rotation (right) below
 # its 95 % radius. Green ones keep the promise. Straight lines and arcs are missing: they were
 # refused, as they should be.

@@ -489,8 +489,8 @@ RivalPanel(make_trial, list(MOTIONS))
 # - **"Also on arcs."** No. There the offset is not observable, by any method that knows directions
 #   only, and a method that searches for it all the same ruins the rotation.
 # - **"On real data."** Recordings on which nothing can be told apart prove nothing either way.
-# - **Ours** is level with the best rival on clean data, ahead of all once headings are wrong, and
-#   the only one that says when the drive has no answer.
+# - **Ours** is level with the best rival on clean data, ahead of all in the offset once headings are
+#   wrong, and the only one that says when the drive has no answer.
 #
 # And what this notebook does *not* show: noise other than one level of white noise (but for the
 # outliers and the panel), a vehicle that turns while it drives, or a real trajectory from visual

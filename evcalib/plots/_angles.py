@@ -24,6 +24,20 @@ def beside(line: Floats, angle: Floats) -> Floats:
     return line + (angle - line + 180.0) % 360.0 - 180.0
 
 
+def unbroken(t: Floats, angle: Floats) -> tuple[Floats, NDArray[np.int64]]:
+    """Return angles [deg] that do not jump where they wrap, and where gaps in time cut them."""
+    steps = np.diff(t)
+    longest = 5.0 * np.median(steps) if steps.size else 0.0
+    cuts = np.flatnonzero(steps > longest) + 1
+    parts = [np.unwrap(part, period=360.0) for part in np.split(angle, cuts)]
+    return np.concatenate(parts), cuts
+
+
+def cut(values: Floats, cuts: NDArray[np.int64]) -> Floats:
+    """Return values with NaN in the cuts, where a line is to break."""
+    return np.insert(values, cuts, np.nan)
+
+
 def show_at_least(ax: Axes, span: float) -> None:
     """Widen the axis of angles to a span [deg], so that noise does not fill it."""
     low, high = ax.get_ylim()

@@ -121,8 +121,9 @@ def draw_stages(ax: Axes, names: Sequence[str], values: Sequence[Floats], *, tit
     ax.set_xticks([0, 1], names)
     ax.set(xlim=(-0.25, 1.25), ylim=(0, None))
     ax.grid(axis="x", visible=False)
-    style.label(ax, "", "error of the rotation [deg]", title=title)
-    ax.legend(loc="upper right")
+    style.label(ax, "", "error of the rotation [deg]")
+    ax.set_title(title, loc="left")
+    ax.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=2, borderaxespad=0.2)
 
 
 def cockpit_axes(figure: Figure) -> tuple[Axes, Axes, Axes, Axes]:
@@ -173,17 +174,19 @@ def draw_cockpit(
     """
     azimuth, elevation, score, residual = axes
     t, body, camera = paired(headings, track, tried[-1][0], R_body_cam)
-    line = np.unwrap(_angles.azimuth(body), period=360.0)
+    line, cuts = _angles.unbroken(t, _angles.azimuth(body))
     dots = _angles.beside(line, _angles.azimuth(camera))
     azimuth.plot(t, dots, ".", ms=3, color=style.CAMERA, label="camera, turned by the angles")
-    azimuth.plot(t, line, color=style.BODY, label="body, shifted by the offset")
+    whole = _angles.cut(t, cuts)
+    name = "body, shifted by the offset"
+    azimuth.plot(whole, _angles.cut(line, cuts), color=style.BODY, label=name)
     _limits(azimuth, line, dots)
     style.label(azimuth, "", "azimuth [deg]")
     azimuth.legend(
         loc="lower left", bbox_to_anchor=(0, 0.98), ncols=2, markerscale=3, borderaxespad=0.2
     )
     elevation.plot(t, _angles.elevation(camera), ".", ms=3, color=style.CAMERA)
-    elevation.plot(t, _angles.elevation(body), color=style.BODY)
+    elevation.plot(whole, _angles.cut(_angles.elevation(body), cuts), color=style.BODY)
     _limits(elevation, _angles.elevation(camera), np.zeros(1))
     style.label(elevation, "camera time [s]", "elevation [deg]")
     _draw_climb(score, curve, tried, solved)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from evcalib.offset import OffsetCurve
 from evcalib.plots import style
-from evcalib.plots._angles import azimuth, beside, show_at_least
+from evcalib.plots._angles import azimuth, beside, cut, show_at_least, unbroken
 from evcalib.plots.alignment import draw_curve
 from evcalib.series import HeadingSeries, VelocitySeries
 from evcalib.track import VelocityTrack, intervals
@@ -67,10 +67,10 @@ def draw_streams(
         Turns the headings into the body frame.
     """
     t, body, camera = paired(headings, track, offset, R_body_cam)
-    line = np.unwrap(azimuth(body), period=360.0)
+    line, cuts = unbroken(t, azimuth(body))
     dots = beside(line, azimuth(camera))
     ax.plot(t, dots, ".", ms=3, color=style.CAMERA, label="camera, turned by its best rotation")
-    ax.plot(t, line, color=style.BODY, label="body, shifted by the offset")
+    ax.plot(cut(t, cuts), cut(line, cuts), color=style.BODY, label="body, shifted by the offset")
     show_at_least(ax, MIN_SPAN)
     style.label(ax, "camera time [s]", "azimuth [deg]")
 

@@ -120,20 +120,17 @@ class Cockpit(Panel):
         self.gauge = widgets.FloatProgress(max=1.0, description="score", bar_style="info")
         self.picture, self.numbers = widgets.Image(format="png"), widgets.HTML()
         self._sliders = (self.offset, self.roll, self.pitch, self.yaw)
+        for control in (*self._sliders, self.gauge):
+            control.layout.width, control.style.description_width = "840px", "95px"
         self._figure = bare_figure((9.4, 4.5))
         with style.context():
             self._axes = cockpit_axes(self._figure)
         self._loaded = ""
         self.solve.on_click(lambda button: self._solve())
         self.replay.observe(lambda change: self._between(change["new"] / STEPS), names="value")
-        rows = [
-            [self.recording, self.solve, self.replay, self.reset],
-            [self.offset, self.roll],
-            [self.pitch, self.yaw],
-            [self.gauge],
-        ]
-        boxes = [widgets.HBox(row) for row in rows]
-        self._start((self.recording, *self._sliders), [*boxes, self.picture, self.numbers])
+        buttons = widgets.HBox([self.recording, self.solve, self.replay, self.reset])
+        children = [buttons, *self._sliders, self.gauge, self.picture, self.numbers]
+        self._start((self.recording, *self._sliders), children)
 
     @property
     def R_body_cam(self) -> Floats:
