@@ -48,6 +48,11 @@ def scratch_study(
         of the same groups among all.
     groups : sequence of str, optional
         Groups to run; all if not given.
+
+    Returns
+    -------
+    StudyResult
+        Its table; its file is gone.
     """
     names = [cell.group for cell in study.cells]
     for group in groups or ():
@@ -67,6 +72,11 @@ def short_lines(result: StudyResult, only: Mapping[str, Sequence[str]] | None = 
         A study of methods.
     only : mapping of str to sequence of str, optional
         Methods of which a quantity is kept; all, if it is not named.
+
+    Returns
+    -------
+    list of str
+        The head, and one per group, method and quantity.
     """
     kept, lines = dict(only or {}), [HEAD]
     for group in result.groups:
@@ -83,6 +93,16 @@ def load_short(*paths: str | Path) -> StudyResult:
     """Read short files of studies into one table: ``group``, ``method``, ``trial``, quantities.
 
     The offset's error is in seconds again, as in any study; what a file lacks is NaN.
+
+    Parameters
+    ----------
+    *paths : path
+        Files of `short_lines`.
+
+    Returns
+    -------
+    StudyResult
+        Named after the first file.
 
     Raises
     ------
@@ -162,6 +182,11 @@ def medians(
         Digits after the point.
     short : mapping of str to str, optional
         Shorter names of methods.
+
+    Returns
+    -------
+    str
+        Several lines, the head first.
     """
     groups = result.groups if groups is None else groups
     methods = result.labels("method") if methods is None else methods
@@ -192,6 +217,11 @@ def median_ratio(
         Draws the trials anew, with replacement.
     draws : int
         How often.
+
+    Returns
+    -------
+    tuple of float
+        The ratio, and the lower and the upper end.
     """
     values = _check.floats(values, "values", (None,))
     reference = _check.floats(reference, "reference", (None,))
