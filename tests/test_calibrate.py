@@ -272,7 +272,7 @@ BAD_CAMERAS = {
     "another model": ("c.yaml", {"model": "omni"}, "'omni' is not supported"),
     "another distortion": ("c.yaml", {"distortion": "fov"}, "distortion_model must be one of"),
     "another size": ("c.yaml", {"width": 346}, "of a sensor of 96x72 px, not of 346x72"),
-    "no model": ("c.txt", "200 200 172 129 0 0 0 0 0", "calibration of another resolution"),
+    "no model": ("c.txt", "200 200 172 129 0 0 0 0 0\n", "calibration of another resolution"),
     "words": ("c.txt", "fx fy", "not a line of numbers"),
 }
 
