@@ -128,8 +128,10 @@ Image(style.png(figures["unaligned"], dpi=110))
 Image(style.png(figures["directions"], dpi=110))
 
 # %% [markdown]
-# The third shows how well each offset that was tried explains the recording: left the whole search,
-# right its top.
+# The third shows how well each offset explains the recording. *Sightings met* is the share of all
+# sightings of corners that an offset explains, 1 being all of them. Left is the whole search, and
+# right the top of the peak. Offsets were tried every 20 ms and are joined by straight lines, so the
+# top looks like a tent; the offset found (green) comes from a fit between them.
 #
 # **See:** there is a single peak. Several peaks of the same height would mean that the drive
 # repeats itself. The green band is the 95 % interval.
@@ -330,7 +332,7 @@ DriveDesigner(PLANS)
 # `predict(plan("S-curve", duration=64.0))` and
 # `predict(plan("S-curve", period=3.0, speed=1.0, duration=8.0))`.
 #
-# </details>
+# </details><br>
 #
 # **2.** A vehicle stops and goes along a straight line. Which of the two unknowns can it show?
 #
@@ -339,7 +341,7 @@ DriveDesigner(PLANS)
 # The offset, by its speeds: they make $L(s)$ in (2) fall off, though all directions are equal. Of
 # the rotation it shows all but the roll about the line itself.
 #
-# </details>
+# </details><br>
 #
 # **3.** Why can a longer search make a calibration fail that worked before?
 #

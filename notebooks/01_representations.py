@@ -359,10 +359,9 @@ for recording in ("simulated", "slider_depth"):
 # choice does not matter here. It would matter to somebody who detects corners *on* the surface.
 #
 # If the environment variable `EVCALIB_DATA` names a folder with *slider_depth*, the next cell draws
-# its surfaces half a second after the start. Otherwise it draws nothing; the recording may not be
-# passed on with this notebook.
-#
-# **See:** in real events the same characters as above: ramps, thin lines, litter.
+# its surfaces half a second after the start, and you will see the same characters as above: ramps,
+# thin lines, litter. Otherwise it draws nothing; the recording may not be passed on with this
+# notebook.
 
 # %% tags=["nbval-ignore-output"]
 real = slider_depth()
@@ -410,7 +409,7 @@ SurfacePanel({f"{speed} m/s": sample for speed, sample in samples.items()})
 # A: each event at B takes 1 from it, $255 - 3 = 252$. B: 255, set anew each time. The threshold is
 # $255 - 14 = 241$, so after 14 events A has 241 and lives; the 15th takes it to 240, hence to 0.
 #
-# </details>
+# </details><br>
 #
 # **2.** Which $\tau$ makes TOS AND TS keep the events of the last 10 px of motion, if edges move at
 # 20 px/s, and $\theta = 0.1$?
@@ -420,7 +419,7 @@ SurfacePanel({f"{speed} m/s": sample for speed, sample in samples.items()})
 # 10 px take 0.5 s, and $\tau \ln 10 = 0.5$ s gives $\tau = 0.217$ s. At 200 px/s it would be 22 ms.
 # A fixed $\tau$ fits one speed only.
 #
-# </details>
+# </details><br>
 #
 # **3.** Divide all times of a recording by two. Which of the five surfaces change, if each is
 # rendered at the time of its last event?

@@ -439,7 +439,7 @@ HeadingPanel(drives | ({"slider_depth": real} if real else {}))
 # $40 \cdot 4 / 3.9 = 41.03$, so 1.0 px. The distance changes how far a point moves, and never the
 # line on which it does.
 #
-# </details>
+# </details><br>
 #
 # **2.** Do matches near the focus of expansion say less about it than others? Which say most?
 #
@@ -451,7 +451,7 @@ HeadingPanel(drives | ({"slider_depth": real} if real else {}))
 # depth, since near points have a large $k$. Besides, lines should cross at large angles: matches
 # all around are worth more than many on one side.
 #
-# </details>
+# </details><br>
 #
 # **3.** In (1), what happens to a match whose point lies exactly in the direction of motion?
 #

@@ -386,7 +386,7 @@ SwervePanel(swerve)
 # (0.375, 0.15)$ m/s: 0.404 m/s at 21.8 degrees. Check:
 # `swerve.wheel_states([[0.5, 0.0]], [0.5])`.
 #
-# </details>
+# </details><br>
 #
 # **2.** Two steered wheels give four numbers for three unknowns. Which single disagreement can they
 # show?
@@ -399,7 +399,7 @@ SwervePanel(swerve)
 # (0.2, -0.1): the difference is $\cos 0.2 - \cos 0.1 = -0.0149$ m/s and each wheel is off by half
 # of it, so the slip is 0.0075 m/s.
 #
-# </details>
+# </details><br>
 #
 # **3.** How many omni wheels does a kiwi drive need to notice slip?
 #

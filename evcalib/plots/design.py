@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 from numpy.typing import NDArray
 
 from evcalib.design import REPEATS, Prediction, self_likeness
@@ -104,6 +105,11 @@ def design_axes(figure: Figure) -> tuple[Axes, Axes, Axes, Axes]:
     direction = figure.add_subplot(grid[0, 1])
     speed = figure.add_subplot(grid[1, 1], sharex=direction)
     direction.tick_params(labelbottom=False)
+    for ax in (direction, speed):
+        ax.yaxis.set_label_coords(-0.17, 0.5)
+    engine = figure.get_layout_engine()
+    if isinstance(engine, ConstrainedLayoutEngine):
+        engine.set(wspace=0.06)
     return figure.add_subplot(grid[:, 0]), direction, speed, figure.add_subplot(grid[:, 2])
 
 

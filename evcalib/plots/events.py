@@ -24,6 +24,9 @@ NAMES = {
 """Surfaces as the paper names them, in the order of its Fig. 2."""
 
 
+DARK = "#404040"
+"""Surfaces have no colour of their own: greys, and the camera's for the paper's."""
+
 LEVELS = 8
 """Greys of a surface: enough for the eye, and pictures stay small."""
 
@@ -55,7 +58,8 @@ def draw_surface(
     ax.imshow(grey(image), cmap=shades, vmin=0, vmax=255, interpolation="nearest")
     if corners is not None:
         x, y = np.reshape(corners, (-1, 2)).T
-        ax.plot(x, y, "o", ms=5, mew=1.1, mfc="none", color=style.MEASURED)
+        size = 5.0 if part else 3.0
+        ax.plot(x, y, "o", ms=size, mew=size / 5, mfc="none", color=style.MEASURED)
     left, top, width, height = part or (0, 0, image.shape[1], image.shape[0])
     ax.set_xlim(left - 0.5, left + width - 0.5)
     ax.set_ylim(top + height - 0.5, top - 0.5)
@@ -115,9 +119,9 @@ def draw_over_speed(
     """Draw a figure of several surfaces over the speed of the motion, each with its own mark."""
     looks = {
         "ts": ("s--", style.MUTED),
-        "dist": ("^-", style.OUTLIER),
-        "silc": ("D-.", style.INLIER),
-        "tos": ("o:", style.BODY),
+        "dist": ("^-", DARK),
+        "silc": ("D-.", DARK),
+        "tos": ("o:", style.MUTED),
         "tos_ts": ("o-", style.CAMERA),
     }
     for key, numbers in values.items():

@@ -274,4 +274,5 @@ def _frame(ax: Axes, reach: float) -> None:
     ax.set_xlim(reach, -reach)
     ax.set_ylim(-reach, reach)
     ax.set_aspect("equal")
+    ax.locator_params(nbins=6)
     style.label(ax, "body y, to the left [m]", "body x, forward [m]")

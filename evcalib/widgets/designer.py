@@ -203,8 +203,8 @@ class DriveDesigner(Panel):
         return [
             self.motion,
             self._tools,
-            widgets.HBox([self.speed, self.search, self.duration]),
-            widgets.HBox([self.swing, self.period]),
+            widgets.HBox([self.swing, self.period, self.speed]),
+            widgets.HBox([self.duration, self.search]),
             self.picture,
             widgets.HBox([player(self.time, 100), self.time, self.reset]),
             self.numbers,
@@ -259,8 +259,8 @@ _AXES = ("roll (X)", "pitch (Y)", "yaw (Z)")
 def _milliseconds(found: Prediction) -> str:
     if not found.offset_determined:
         return "repeats" if found.repeats else "not shown"
-    return f"{1e3 * found.offset_sd:.1f} ms"
+    return f"{1e3 * found.offset_sd:.2f} ms"
 
 
 def _degrees(sd: float) -> str:
-    return f"{np.degrees(sd):.2f} deg" if np.degrees(sd) < 90 else "unknown"
+    return f"{np.degrees(sd):.3f} deg" if np.degrees(sd) < 90 else "unknown"

@@ -76,7 +76,7 @@ class SwervePanel(Panel):
         self.time = whole_slider("time [ms]", 0, LASTS_MS, 100, 1000)
         self.picture = widgets.Image(format="png")
         self.numbers = widgets.HTML()
-        margins = {"left": 0.075, "right": 0.985, "bottom": 0.22, "top": 0.93, "wspace": 0.2}
+        margins = {"left": 0.075, "right": 0.985, "bottom": 0.19, "top": 0.94, "wspace": 0.2}
         self._figure = bare_figure((9.6, 4.9), **margins)
         with style.context():
             self._axes = self._figure.subplots(1, 2)
