@@ -220,9 +220,9 @@ def _fields(data: bytes, at: int, count: int = 1) -> list[int]:
     """Return where the first fields stand of the table to which an offset leads; 0 = left out."""
     table = at + _number(data, at, "<I")
     places = table - _number(data, table, "<i")
-    held = (_number(data, places, "<H") - 4) // 2
-    found = [_number(data, places + 4 + 2 * k, "<H") for k in range(min(count, held))]
-    return [table + offset if offset else 0 for offset in found] + [0] * (count - len(found))
+    held = max(0, min(count, (_number(data, places, "<H") - 4) // 2))
+    found = struct.unpack_from(f"<{held}H", data, places + 4)
+    return [table + offset if offset else 0 for offset in found] + [0] * (count - held)
 
 
 def _vector(data: bytes, at: int) -> tuple[int, int]:
