@@ -214,6 +214,7 @@ class LabNotebook:
         page.wait_for_function(f"() => {ready}?.status === 'idle'", timeout=1e3 * START_UP)
         page.evaluate(f"() => probe.listen({ready})")
         self._hide_sidebars()
+        self.use_theme("JupyterLab Light")  # the last one used is kept from page to page
 
     @staticmethod
     def address(server: Server, name: str) -> str:

@@ -66,11 +66,13 @@ window.probe = (() => {
     }
   };
 
-  // Every error and every line on stderr that a kernel sends, wherever Lab would show it.
+  // Every error and every line on stderr that a kernel sends, wherever Lab would show it.  A kernel
+  // that has not loaded ipywidgets yet says that it knows no such comm when Lab first asks for it.
   const complaints = [];
+  const complain = text => { if (!text.startsWith('No such comm')) complaints.push(text); };
   const listen = kernel => kernel.iopubMessage.connect((_, { header, content }) => {
-    if (header.msg_type === 'error') complaints.push(`${content.ename}: ${content.evalue}`);
-    if (header.msg_type === 'stream' && content.name === 'stderr') complaints.push(content.text);
+    if (header.msg_type === 'error') complain(`${content.ename}: ${content.evalue}`);
+    if (header.msg_type === 'stream' && content.name === 'stderr') complain(content.text);
   });
 
   return { pixels, watch, awaited, steady, listen, complaints };
