@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
@@ -174,47 +174,49 @@ def open_bag(path: str | Path) -> Iterator[Bag]:
     """
     path = Path(path)
     try:
-        from rosbags.interfaces import MessageDefinitionFormat
-        from rosbags.rosbag1 import Reader as Reader1
-        from rosbags.rosbag2 import Reader as Reader2
+        import rosbags.interfaces  # noqa: F401
     except ImportError:
         raise InputError('bags need the package rosbags: pip install "evcalib[formats]"') from None
     suffix = _suffix(path)
+    ros = 1 if suffix == ".bag" else 2
     salvage = _SALVAGE.get(suffix)
-    with _errors(path):
-        if salvage is not None and salvage.is_unindexed(path):
-            bag = _salvaged(path, salvage, 1 if suffix == ".bag" else 2)
-        else:
-            salvage = None
-            _bag_guard.check_files(path)
-            reader: Any = Reader1(path) if suffix == ".bag" else Reader2(path)
-            reader.open()
-    if salvage is not None:
-        yield bag
-        return
-    try:
+    with ExitStack() as stack:
         with _errors(path):
-            _bag_guard.bound_chunks(reader)
-            connections = list(reader.connections)
-            definitions = {
-                c.msgtype: c.msgdef.data if c.msgdef.format == MessageDefinitionFormat.MSG else None
-                for c in connections
-            }
-            topics = _topics(connections)
-        losses: Counter[str] = Counter()
+            if salvage is not None and salvage.is_unindexed(path):
+                bag = _salvaged(path, salvage, ros)
+            else:
+                bag = _indexed(path, ros, stack)
+        yield bag
 
-        def raw(name: str) -> Iterator[bytes]:
-            wanted = [c for c in connections if c.topic == name]
-            missing = sum(c.msgcount for c in wanted)
-            for _, _, data in reader.messages(connections=wanted):
-                missing -= 1
-                yield data
-            if missing > 0:
-                losses["messages that the bag counts but does not hold"] = missing
 
-        yield Bag(path, 1 if suffix == ".bag" else 2, topics, losses, raw, definitions)
-    finally:
-        reader.close()
+def _indexed(path: Path, ros: int, stack: ExitStack) -> Bag:
+    """Open a bag with `rosbags`; the reader is closed with the stack."""
+    from rosbags.interfaces import MessageDefinitionFormat
+    from rosbags.rosbag1 import Reader as Reader1
+    from rosbags.rosbag2 import Reader as Reader2
+
+    _bag_guard.check_files(path)
+    reader: Any = Reader1(path) if ros == 1 else Reader2(path)
+    reader.open()
+    stack.callback(reader.close)
+    _bag_guard.bound_chunks(reader)
+    connections = list(reader.connections)
+    definitions = {
+        c.msgtype: c.msgdef.data if c.msgdef.format == MessageDefinitionFormat.MSG else None
+        for c in connections
+    }
+    losses: Counter[str] = Counter()
+
+    def raw(name: str) -> Iterator[bytes]:
+        wanted = [c for c in connections if c.topic == name]
+        missing = sum(c.msgcount for c in wanted)
+        for _, _, data in reader.messages(connections=wanted):
+            missing -= 1
+            yield data
+        if missing > 0:
+            losses["messages that the bag counts but does not hold"] = missing
+
+    return Bag(path, ros, _topics(connections), losses, raw, definitions)
 
 
 def _topics(connections: list[Any]) -> tuple[Topic, ...]:
