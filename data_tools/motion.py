@@ -252,6 +252,12 @@ def simulate(
     )
 
 
+def wobble(rng: np.random.Generator, largest: float) -> Callable[[Floats], Floats]:
+    """Return a yaw rate [rad/s] of two sines with periods of 2 to 7 s, `largest` at most."""
+    rate, phase = 2 * np.pi / rng.uniform(2.0, 7.0, 2), rng.uniform(0, 2 * np.pi, 2)
+    return lambda t: 0.5 * largest * np.sin(np.multiply.outer(t, rate) + phase).sum(axis=-1)
+
+
 def dead_reckon(velocities: VelocitySeries) -> Floats:
     """Integrate body velocities and yaw rates to positions [m], shape (n, 3) (paper Eq. 13).
 

@@ -6,14 +6,13 @@ clocks, the room around it.  So a method can be judged on many drives that it ha
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from data_tools._random import generator
-from data_tools.motion import Drive, arc, fingers, straight
+from data_tools.motion import Drive, arc, fingers, straight, wobble
 from data_tools.scenes import furnished_room
 from data_tools.sensor import Sensor
 from data_tools.simulator import FORWARD, Simulator
@@ -132,7 +131,7 @@ def record_drive(
     rng = generator(seed, f"recorded drive, {motion}, {mounting}")
     drive = _MAKERS[motion](rng, _check.positive(duration, "duration", "seconds"), speed)
     if disturbances.yaw_rate:
-        drive = replace(drive, yaw_rate=_wobble(rng, disturbances.yaw_rate))
+        drive = replace(drive, yaw_rate=wobble(rng, disturbances.yaw_rate))
     R_body_cam = _mounting(rng, mounting)
     offset = float(rng.uniform(-0.5, 0.5))
     trajectory = Trajectory.of_drive(drive, offset=offset)
@@ -188,11 +187,6 @@ def _arc(rng: np.random.Generator, duration: float, speed: float) -> Drive:
 
 
 _MAKERS = {"sweep": _sweep, "fingers": _fingers, "straight": _straight, "arc": _arc}
-
-
-def _wobble(rng: np.random.Generator, largest: float) -> Callable[[Floats], Floats]:
-    rate, phase = 2 * np.pi / rng.uniform(2.0, 7.0, 2), rng.uniform(0, 2 * np.pi, 2)
-    return lambda t: 0.5 * largest * np.sin(np.multiply.outer(t, rate) + phase).sum(axis=-1)
 
 
 def _mounting(rng: np.random.Generator, mounting: str) -> Floats:

@@ -22,6 +22,9 @@ BIN, MEMORY = 0.1, 2.5
 """Scores are summed over bins [s]; sums up to so far apart [s] count as dependent: corners live
 for most of a second, and so does the error of the odometry's integral."""
 
+STRETCH = 0.5
+"""A stretch of so much time [s] counts where any track starts in it."""
+
 PASSES = 40
 """Most passes over the tracks."""
 
@@ -103,20 +106,22 @@ def follow(problem: Problem, fit: Fit) -> None:
 
 
 @dataclass(frozen=True, eq=False)
-class _Reduced:
+class Reduced:
     """The equations without the spins, which are solved for group by group (Schur complement).
 
-    `information` (5, 5) and `scores` (groups, 5) of the other unknowns, the lag's prior left out;
-    `gain` (groups, 5) and `own` (groups,) give a group's spin: -own - gain . change.
+    `parts` (groups, 5, 5), their sum `information` (5, 5), and `scores` (groups, 5) of the other
+    unknowns, the lag's prior left out; `gain` (groups, 5) and `own` (groups,) give a group's spin:
+    -own - gain . change.
     """
 
+    parts: Floats
     information: Floats
     scores: Floats
     gain: Floats
     own: Floats
 
     @classmethod
-    def of(cls, problem: Problem, fit: Fit) -> _Reduced:
+    def of(cls, problem: Problem, fit: Fit) -> Reduced:
         scores = np.zeros((fit.spin.size, kernel.UNKNOWNS))
         np.add.at(scores, problem.group, fit.scores)
         # Sightings of one corner share their error: a track counts once.
@@ -125,8 +130,10 @@ class _Reduced:
         inside = fit.information[:, SPIN, SPIN] + weight
         own = (scores[:, SPIN] + weight * fit.spin) / inside
         gain = across / inside[:, None]
+        parts = fit.information[:, :SPIN, :SPIN] - gain[:, :, None] * across[:, None, :]
         return cls(
-            information=fit.information[:, :SPIN, :SPIN].sum(axis=0) - gain.T @ across,
+            parts=parts,
+            information=parts.sum(axis=0),
             scores=scores[:, :SPIN] - own[:, None] * across,
             gain=gain,
             own=own,
@@ -135,7 +142,7 @@ class _Reduced:
 
 def step(problem: Problem, fit: Fit, free: NDArray[np.bool_]) -> Floats | None:
     """Take a Gauss-Newton step in the free unknowns; return it, or None if they are not fixed."""
-    reduced = _Reduced.of(problem, fit)
+    reduced = Reduced.of(problem, fit)
     information, score = _posterior(problem, fit, reduced)
     chosen = np.ix_(free, free)
     scale = np.sqrt(np.maximum(np.diag(information)[free], 1e-300))
@@ -155,7 +162,7 @@ def step(problem: Problem, fit: Fit, free: NDArray[np.bool_]) -> Floats | None:
     return change
 
 
-def _posterior(problem: Problem, fit: Fit, reduced: _Reduced) -> tuple[Floats, Floats]:
+def _posterior(problem: Problem, fit: Fit, reduced: Reduced) -> tuple[Floats, Floats]:
     """Return information and score with the lag's prior."""
     information, score = reduced.information.copy(), reduced.scores.sum(axis=0)
     weight = (max(fit.noise, 1e-6) / problem.lag_sd) ** 2
@@ -202,25 +209,43 @@ def solve(
 
 def covariance_of(problem: Problem, fit: Fit, free: NDArray[np.bool_]) -> tuple[Floats, float]:
     """Return the covariance (5, 5) and how many stretches of motion count as independent."""
-    reduced = _Reduced.of(problem, fit)
+    reduced = Reduced.of(problem, fit)
     information, _ = _posterior(problem, fit, reduced)
-    start = problem.tracks.start
-    place = np.zeros(fit.spin.size)
-    place[problem.group] = start - start[0]
-    row = (place / BIN).astype(np.int64)
-    sums = np.zeros((int(row.max()) + 1, SPIN))
-    np.add.at(sums, row, reduced.scores)
-    scatter = sums.T @ sums
-    width = round(MEMORY / BIN)
-    for lag in range(1, min(width, len(sums))):
-        across = sums[lag:].T @ sums[:-lag]
-        scatter += (1.0 - lag / width) * (across + across.T)
+    scatter, samples = long_run(problem, fit, reduced.scores)
     scatter[LAG, LAG] += (fit.noise**2 / problem.lag_sd) ** 2
-    samples = max(np.count_nonzero(sums.any(axis=1)) * BIN / MEMORY, 1.0)
     # Four unknowns were fitted to two numbers, a direction, per stretch.
     lost = max(1.0 - 2.0 / samples, 0.25)
     inverse = np.zeros((SPIN, SPIN))
     inverse[np.ix_(free, free)] = np.linalg.pinv(
         information[np.ix_(free, free)], rcond=1e-12, hermitian=True
     )
-    return inverse @ scatter @ inverse / lost, samples
+    return inverse @ scatter @ inverse / (lost * slope_of_loss(fit) ** 2), samples
+
+
+def long_run(problem: Problem, fit: Fit, scores: Floats) -> tuple[Floats, float]:
+    """Return the covariance of the sum of scores (groups, k), and how many stretches add to it."""
+    start = problem.tracks.start
+    place = np.zeros(fit.spin.size)
+    place[problem.group] = start - start[0]
+    row = (place / BIN).astype(np.int64)
+    sums = np.zeros((int(row.max()) + 1, scores.shape[1]))
+    np.add.at(sums, row, scores)
+    scatter = sums.T @ sums
+    width = round(MEMORY / BIN)
+    for lag in range(1, min(width, len(sums))):
+        across = sums[lag:].T @ sums[:-lag]
+        scatter += (1.0 - lag / width) * (across + across.T)
+    told = np.unique((place[problem.group] / STRETCH).astype(np.int64)).size * STRETCH
+    return scatter, max(told / MEMORY, 1.0)
+
+
+def slope_of_loss(fit: Fit) -> float:
+    """Return the mean slope of the loss's derivative over its mean weight.
+
+    The sum of weighted squares is steeper than the loss itself: of psi = w r, with w = (1 - u)^2
+    and u = r^2 / reach^2 of both axes, the slope is w + u w', a mean over the directions of r.
+    """
+    used = fit.weights > 0
+    u = np.minimum(np.sum(fit.residuals[used] ** 2, axis=1) / fit.reach**2, 1.0)
+    slope = (1.0 - u) * (1.0 - 3.0 * u)
+    return max(float(slope.sum() / fit.weights[used].sum()), 0.2)

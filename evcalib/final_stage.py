@@ -8,28 +8,49 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evcalib import uncertainty
+from evcalib._joint_checks import SURE
 from evcalib.calibration import one_answer, unknown_axis
 from evcalib.joint import JointRefinement
-from evcalib.observability import RATE_GATE, direction_spread
+from evcalib.observability import (
+    RATE_GATE,
+    direction_spread,
+    heading_rate_test,
+    speed_test,
+)
 from evcalib.results import Calibration
 from evcalib.series import HeadingSeries
 from evcalib.solution import Residuals, Solution
 from evcalib.track import VelocityTrack
-from evcalib.verdict import judge
+from evcalib.verdict import Verdict, judge
 
 Floats = NDArray[np.float64]
 
 ENOUGH = 0.3
 """Least share of the sightings that a refinement must follow to be believed."""
 
+TURNING = 0.02
+"""Yaw rate [rad/s], rms, that the odometry may leave untold."""
 
-def offset_observable(joint: JointRefinement, max_offset: float) -> bool:
-    """Tell whether the tracks determine the offset: one peak, inside the search, and sharp."""
+
+def offset_observable(joint: JointRefinement, track: VelocityTrack, max_offset: float) -> bool:
+    """Tell whether the tracks determine the offset: one peak, inside the search, and sharp.
+
+    And whether the motion changes at all: among many candidates of an unchanging one, noise of the
+    odometry makes one stand out.
+    """
     if joint.curve is None or joint.curve.at_edge or joint.inlier_share < ENOUGH:
+        return False
+    if not motion_changes(joint, track):
         return False
     widest = max_offset / 4
     sharp = float(np.sqrt(joint.covariance[3, 3])) < widest
     return sharp and one_answer(joint.plausible, joint.offset, widest)
+
+
+def motion_changes(joint: JointRefinement, track: VelocityTrack) -> bool:
+    """Tell whether speed, or the rate of turning, changes beyond the odometry's noise."""
+    part = joint.span[0] + joint.offset, joint.span[1] + joint.offset
+    return max(heading_rate_test(track, *part), speed_test(track, *part)) >= RATE_GATE
 
 
 def finish(
@@ -103,10 +124,48 @@ def finish(
         curve=joint.curve,
         residuals=_residuals(solution.residuals, headings, joint.R_body_cam),
         diagnostics=diagnostics,
-        verdict=replace(
-            verdict, reasons=(_how(joint, diagnostics.heading_rate_z), *verdict.reasons)
+        verdict=_doubted(
+            replace(verdict, reasons=(_how(joint, diagnostics.heading_rate_z), *verdict.reasons)),
+            doubts_of(joint, headings),
         ),
         joint=joint,
+    )
+
+
+def doubts_of(joint: JointRefinement, headings: HeadingSeries) -> tuple[str, ...]:
+    """Return what the sightings say against the model, in words."""
+    doubts = []
+    if joint.drift.z > SURE:
+        ppm, sd = 1e6 * joint.drift.values[0], 1e6 * joint.drift.sd[0]
+        half = 0.5 * float(np.ptp(headings.t))
+        doubts.append(
+            f"The clocks drift apart by {ppm:.0f} +- {sd:.0f} ppm: the offset holds in the middle"
+            f" of the drive, and is {1e3 * half * abs(1e-6 * ppm):.1f} ms off at its ends."
+        )
+    if joint.distortion.z > SURE:
+        most = np.degrees(np.hypot(*joint.distortion.values))
+        doubts.append(
+            f"Directions of travel differ by up to {most:.1f} deg between camera and odometry,"
+            " whatever the rotation: check the camera's focal length and principal point, and"
+            " whether wheels slip to one side."
+        )
+    if joint.turning > TURNING:
+        doubts.append(
+            f"The body turns by {np.degrees(joint.turning):.1f} deg/s (rms) that the odometry does"
+            " not tell."
+        )
+    return tuple(doubts)
+
+
+def _doubted(verdict: Verdict, doubts: tuple[str, ...]) -> Verdict:
+    """Return the verdict with doubts among its reasons."""
+    if not doubts:
+        return verdict
+    return replace(
+        verdict,
+        summary=f"{verdict.summary} But the data contradict the model.",
+        reasons=(*verdict.reasons, *doubts),
+        doubts=doubts,
     )
 
 

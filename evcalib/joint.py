@@ -7,13 +7,15 @@ turns of the motion show the offset, but every change of speed.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from evcalib import _check
-from evcalib._joint_fit import Problem, covariance_of, solve
+from evcalib import _joint_checks as checks
+from evcalib._joint_checks import Departure
+from evcalib._joint_fit import Fit, Problem, covariance_of, solve
 from evcalib._joint_search import FEWEST, GATE, curve_of, search_offsets
 from evcalib.kernels import track as track_kernel
 from evcalib.offset import OffsetCurve, candidate_offsets
@@ -35,6 +37,9 @@ WIDEST = 2.0
 SLOWEST = 2.0
 """Flow [px/s] below which a corner has no direction to trail along."""
 
+SMOOTHED = 0.2
+"""Widest half window [s] over which the odometry is smoothed, about half of a track's span."""
+
 NO_YAW_RATE = 0.005
 """Yaw rate [rad/s] that a body may have where the odometry tells none."""
 
@@ -44,6 +49,9 @@ sudden."""
 
 USUAL_SPAN = 0.4
 """Usual time from the first to the last sighting of a corner [s]."""
+
+TRIES = 4
+"""Most fits with ever more turning."""
 
 NEAR = np.arange(-6, 7) * 0.01
 """Offsets [s] around the optimum at which its sharpness is measured."""
@@ -101,6 +109,8 @@ class JointRefinement:
         Share of the sightings that the fit follows.
     tracks, sightings : int
         What entered.
+    span : tuple of float
+        First and last time of these [s], on the camera clock.
     curve : OffsetCurve, optional
         How well the tracks are met over the candidate offsets, each with its best rotation; None
         where the offset was given.
@@ -108,6 +118,14 @@ class JointRefinement:
         Candidates [s] that fit as well as the best.
     converged : bool
         Whether the last step was small.
+    drift : Departure
+        How fast the offset grows [s/s]; `offset` holds in the middle.
+    distortion : Departure
+        By how much directions of travel differ between the streams beyond a rotation [rad], as the
+        cosine and the sine of twice their angle.
+    turning : float
+        Standard deviation of the yaw rate that the odometry does not tell, as the fit takes it
+        [rad/s].
     """
 
     R_body_cam: Floats
@@ -120,9 +138,13 @@ class JointRefinement:
     inlier_share: float
     tracks: int
     sightings: int
+    span: tuple[float, float]
     curve: OffsetCurve | None
     plausible: Floats
     converged: bool
+    drift: Departure
+    distortion: Departure
+    turning: float
 
 
 def refine_jointly(
@@ -209,6 +231,8 @@ def refine_jointly(
     fit = solve(problem, R_body_cam, offset, free, widest)
     if fit is None:
         return None
+    problem, fit = _turning(problem, fit, free, widest)
+    problem, fit, drift = _drifting(problem, fit, free, widest)
     covariance, samples = covariance_of(problem, fit, free)
     covariance[:3, :3] += systematic.rotation_sd**2 * np.eye(3)
     if estimate_offset:
@@ -231,26 +255,68 @@ def refine_jointly(
         inlier_share=float(np.mean(fit.weights > 0)),
         tracks=len(tracks),
         sightings=int(tracks.first[-1]),
+        span=(float(tracks.start[0]), float(tracks.end.max())),
         curve=None
         if search is None
         else curve_of(search, fit.offset, max_offset, fit.reach**2 / 6),
         plausible=np.empty(0) if search is None else search.as_good(fit.offset),
         converged=fit.converged,
+        drift=drift,
+        distortion=checks.distortion(problem, fit, free),
+        turning=problem.spin_sd,
     )
+
+
+def _turning(
+    problem: Problem, fit: Fit, free: NDArray[np.bool_], widest: float
+) -> tuple[Problem, Fit]:
+    """Fit anew with as much turning as the tracks show, if it is more than was expected."""
+    for _ in range(TRIES):
+        seen = checks.turning(problem, fit)
+        if seen < problem.spin_sd:
+            break
+        problem = replace(problem, spin_sd=1.2 * seen)
+        again = solve(problem, fit.R, fit.offset, free, widest)
+        if again is None:
+            break
+        fit = again
+    return problem, fit
+
+
+def _drifting(
+    problem: Problem, fit: Fit, free: NDArray[np.bool_], widest: float
+) -> tuple[Problem, Fit, Departure]:
+    """Fit anew on a clock without drift, if there is one, and return the drift."""
+    found = checks.drift(problem, fit, free)
+    total, left = 0.0, found
+    for _ in range(TRIES):
+        if left.z < checks.SURE:
+            break
+        rate = float(left.values[0])
+        straight = replace(problem, tracks=problem.tracks.on_clock(rate))
+        again = solve(straight, fit.R, fit.offset, free, widest)
+        if again is None:
+            break
+        problem, fit, total = straight, again, total + rate
+        left = checks.drift(problem, fit, free)
+    if total:
+        found = replace(left, values=left.values + total, z=found.z)
+    return problem, fit, found
 
 
 def world_motion(velocities: VelocitySeries, track: VelocityTrack) -> tuple[NDArray, ...]:
     """Return time, velocity in the world, its slope and integral, yaw and segment, per sample.
 
-    The world's axes are the body's at the first sample.  The yaw rate is smoothed as the velocity
-    was: noise of the odometry roughens the loss as a function of the offset.
+    The world's axes are the body's at the first sample.  Noise of the odometry roughens the loss as
+    a function of the offset, so all is smoothed a little; what a wider window takes off the peaks
+    of the velocity would pass for a rotation.
     """
-    yaw = np.zeros(track.t.size)
+    yaw, v = np.zeros(track.t.size), smoothed(track, track.raw, SMOOTHED)
     if velocities.yaw_rate is not None:
-        rate = smoothed(track, velocities.yaw_rate[:, None])[:, 0]
+        rate = smoothed(track, velocities.yaw_rate[:, None], SMOOTHED)[:, 0]
         yaw[1:] = np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(track.t))
     c, s = np.cos(yaw), np.sin(yaw)
-    x, y, z = track.v.T
+    x, y, z = v.T
     v = np.stack([c * x - s * y, s * x + c * y, z], axis=1)
     slope, path = track_kernel.slopes(track.t, v), track_kernel.integrate(track.t, v, track.segment)
     return track.t, v, slope, path, yaw, track.segment

@@ -87,8 +87,43 @@ def heading_rate_test(track: VelocityTrack, start: float, end: float) -> float:
     expected = variance * np.sum(2.0 / step**2)
     # Neighbouring turns share a block: their sum of squares scatters as with 2/3 of their number.
     dof = 2.0 / 3.0 * step.size
-    # Wilson and Hilferty's cube root makes the sum of squares normal, its long tail included.
-    root = (residual / expected) ** (1 / 3)
+    return _normal(residual / expected * dof, dof)
+
+
+def speed_test(track: VelocityTrack, start: float, end: float) -> float:
+    """Return by how many standard deviations the body's speed varies.
+
+    Speeds are averaged over blocks and compared with their mean, as turns are in
+    `heading_rate_test`.  A motion whose speed is as constant as its rate of turning looks the same
+    at any offset, whatever else the noise of the odometry suggests.
+
+    Parameters
+    ----------
+    track : VelocityTrack
+        Velocities.
+    start, end : float
+        Part [s] of the track to look at.
+    """
+    used = (track.t >= start) & (track.t <= end)
+    t, speed = track.t[used], np.linalg.norm(track.raw[used], axis=1)
+    if t.size < 2:
+        return 0.0
+    block = np.unique(np.floor((t - t[0]) / BLOCK), return_inverse=True)[1]
+    count = np.bincount(block)
+    full = count >= 0.8 * np.median(count)
+    if full.sum() < 3:
+        return 0.0
+    mean = (np.bincount(block, speed) / count)[full]
+    sigma, rho = coloured_noise(track.raw, track.segment, float(np.median(np.diff(track.t))))
+    variance = float(np.max(sigma)) ** 2 * (1 + rho) / (1 - rho) / count[full]
+    variance += (DIRECTION_FLOOR * track.moving_speed) ** 2
+    square = float(np.sum((mean - mean.mean()) ** 2 / variance))
+    return _normal(square, float(full.sum() - 1))
+
+
+def _normal(square: float, dof: float) -> float:
+    """Return a chi-square as a standard normal deviate (Wilson & Hilferty 1931)."""
+    root = (square / dof) ** (1 / 3)
     return float((root - (1 - 2 / (9 * dof))) / np.sqrt(2 / (9 * dof)))
 
 

@@ -144,7 +144,7 @@ def calibrate_estimate(
     refinement: str = "tracks",
     systematic: Systematic = SYSTEMATIC,
     seed: int = 0,
-    stage: Callable[[str], AbstractContextManager[None]] = nullcontext,
+    stage: Callable[[str], AbstractContextManager[None]] = lambda name: nullcontext(),
 ) -> Calibration:
     """Align headings with velocities and refine on their correspondences.
 
@@ -196,7 +196,7 @@ def _refined(
     }
     start = (tracks, velocities, track, aligned.R_body_cam, aligned.offset)
     joint = refine_jointly(*start, **common)
-    if joint is not None and offset_observable(joint, max_offset):
+    if joint is not None and offset_observable(joint, track, max_offset):
         return finish(aligned, joint, estimate.headings, track, max_offset)
     joint = refine_jointly(*start, estimate_offset=False, **common)
     if joint is None or abs(joint.lag - systematic.lag) > STRANGE_LAG * systematic.lag_sd:

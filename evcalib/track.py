@@ -147,17 +147,18 @@ def velocity_track(
     )
 
 
-def smoothed(track: VelocityTrack, values: Floats) -> Floats:
+def smoothed(track: VelocityTrack, values: Floats, widest: float = np.inf) -> Floats:
     """Return up to three columns of values at the track's times, smoothed as its velocity was.
 
-    They come back as they are if the track was not smoothed.
+    They come back as they are if the track was not smoothed.  `widest` bounds the half widths of
+    the windows [s].
     """
     if track.v is track.raw:
         return values
     columns = np.zeros((len(values), 3))
     columns[:, : values.shape[1]] = values
-    noise = white_noise(columns, track.segment)
-    out = kernel.smooth(track.t, columns, track.segment, SMOOTHING, noise, SMOOTHING_GATE)
+    noise, windows = white_noise(columns, track.segment), SMOOTHING[SMOOTHING <= widest]
+    out = kernel.smooth(track.t, columns, track.segment, windows, noise, SMOOTHING_GATE)
     return np.asarray(out[:, : values.shape[1]])
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,6 +69,12 @@ class Tracks:
         rows = np.repeat(chosen, self.length)
         first = np.concatenate([[0], np.cumsum(self.length[chosen])]).astype(np.int64)
         return Tracks(first, self.r1[rows], self.r2[rows], self.t1[rows], self.t2[rows])
+
+    def on_clock(self, rate: float) -> Tracks:
+        """Return the tracks on a clock that gains `rate` [s/s] on this one, from the middle on."""
+        middle = 0.5 * (self.start[0] + self.start[-1])
+        t1, t2 = (t + rate * (t - middle) for t in (self.t1, self.t2))
+        return replace(self, t1=t1, t2=t2)
 
     def thinned(self, most: int) -> Tracks:
         """Return a share of the tracks, evenly over time: about so many sightings."""

@@ -44,11 +44,15 @@ class Verdict:
         What it rests on.
     advice : tuple of str
         What drive would tell what is unknown.
+    doubts : tuple of str
+        Those of the reasons that speak against the model: the answer may be farther from the truth
+        than its error bars.
     """
 
     summary: str
     reasons: tuple[str, ...]
     advice: tuple[str, ...]
+    doubts: tuple[str, ...] = ()
 
     def __str__(self) -> str:
         return " ".join((self.summary, *self.reasons, *self.advice))

@@ -53,6 +53,7 @@ STUDIES = {
     "coverage": "whether the error bars hold what they promise",
     "real": "the paper's Table I on its real data",
     "recorded": "from raw events to the calibration, on simulated recordings",
+    "campaign": "whether results are silently wrong where the model is",
 }
 """Names of the studies, and what they ask."""
 
