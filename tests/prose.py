@@ -63,6 +63,25 @@ class Document:
         """Return what stands between single backticks."""
         return [token.content for token in self.tokens() if token.type == "code_inline"]
 
+    def lonely_items(self) -> list[str]:
+        """Return numbered lists of a single item: a line that happens to begin with "1."."""
+        tokens = self.tokens()
+        opened = [k for k, token in enumerate(tokens) if token.type == "ordered_list_open"]
+        found = []
+        for start in opened:
+            level = tokens[start].level
+            end = next(
+                k
+                for k in range(start, len(tokens))
+                if tokens[k].type == "ordered_list_close" and tokens[k].level == level
+            )
+            items = [
+                t for t in tokens[start:end] if t.type == "list_item_open" and t.level == level + 1
+            ]
+            if len(items) == 1:
+                found.append(next(t.content for t in tokens[start:] if t.type == "inline"))
+        return found
+
     def commands(self) -> list[str]:
         """Return the lines that call our command, from shell blocks and from the text."""
         blocks = [t.content for t in self.tokens() if t.type == "fence" and t.info == "sh"]

@@ -32,6 +32,11 @@ def test_links_lead_somewhere(document):
 
 
 @each
+def test_no_line_becomes_a_list_by_accident(document):
+    assert document.lonely_items() == []
+
+
+@each
 def test_names_in_the_text_exist(document):
     for name in filter(NAME.fullmatch, document.code()):
         find(name)
@@ -81,6 +86,8 @@ def test_the_tests_above_find_what_is_broken():
         "no options ['--nothing']",
         None,
     ]
+    page = Document(ROOT / "README.md", "1. one\n2. two\n\nIt comes from\n1. this.\n")
+    assert page.lonely_items() == ["this."]
     for name in ("evcalib.nothing", "evcalib.offset.nothing", "evcalib.offset.find_offset.nothing"):
         with pytest.raises((AttributeError, ImportError)):
             find(name)
