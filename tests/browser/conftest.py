@@ -11,9 +11,12 @@ import pytest
 ARTEFACTS = Path(__file__).parents[2] / ".artefacts" / "browser"
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def browser():
-    """Start Chromium once, or skip."""
+    """Start Chromium once, or skip.
+
+    Not for the whole session: as long as playwright is there, nothing else can use asyncio.
+    """
     pytest.importorskip("playwright", reason='needs playwright: pip install "evcalib[browser]"')
     import lab
 
@@ -23,7 +26,7 @@ def browser():
         yield browser
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def results(browser):
     """Return a dictionary that is added to `results.json` at the end."""
     path = ARTEFACTS / "results.json"
