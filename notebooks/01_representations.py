@@ -283,8 +283,8 @@ for speed in (0.2, 1.6):
 #
 # **See:** left, the surfaces with a clock are the cleanest while the camera is slow, and lose that
 # when it is fast. Middle, corners *on* the surface come back best on SILC and DiST: their ramps
-# have slopes that a corner detector can use, thin white lines do not. Right, the same two give up
-# to twice as many right matches as TOS.
+# have slopes that a corner detector can use, thin white lines do not. Right, the same two give the
+# most right matches, at 0.2 m/s more than twice as many as TOS.
 
 # %%
 figure, axes = plt.subplots(1, 3, figsize=(9.4, 3.2))

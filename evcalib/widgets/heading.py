@@ -61,10 +61,11 @@ class HeadingPanel(Panel):
             raise InputError("at least one recording is needed")
         self.recordings = dict(recordings)
         self._keypoints: dict[str, list[Keypoints]] = {}
+        look = {"button_width": "105px", "description_width": "95px"}
         self.recording = widgets.ToggleButtons(
-            options=list(recordings), style={"button_width": "105px"}
+            options=list(recordings), description="motion", style=look
         )
-        self.solver = widgets.ToggleButtons(options=list(SOLVERS), style={"button_width": "105px"})
+        self.solver = widgets.ToggleButtons(options=list(SOLVERS), description="solver", style=look)
         ends = [int(1e-3 * r.events.t[-1]) // STEP_MS for r in self.recordings.values()]
         last = STEP_MS * (min(ends) - 1)
         middle = STEP_MS * (last // (2 * STEP_MS))
@@ -78,7 +79,8 @@ class HeadingPanel(Panel):
         with style.context():
             self._axes = self._figure.subplots(1, 2, width_ratios=(3, 2))
         rows = [
-            widgets.HBox([self.recording, self.solver]),
+            self.recording,
+            self.solver,
             widgets.HBox([self.middle, player(self.middle, 300), self.reset]),
             widgets.HBox([self.baseline, self.pool]),
         ]
