@@ -169,10 +169,9 @@ assert np.allclose(trace.score, by_hand)
 #
 # The misfit $u_i$ is 0 for parallel directions and 2 for opposite ones. The bracket falls from 1 to
 # 0, and stays there from $u_i = c$ on ($[\cdot]_+$ means: negative values become 0): a heading that
-# is too far off counts nothing, however far (*Tukey's loss*). $w_i$ is the weight of a heading,
-# here
-# 1. $R$ comes from a few re-weighted fits (notebook 5), while $c$ narrows from 180 to 60 degrees,
-#    so that each candidate finds its own rotation.
+# is too far off counts nothing, however far (*Tukey's loss*). The weights $w_i$ of the headings are
+# all equal here. $R$ comes from a few re-weighted fits (notebook 5), while $c$ narrows from 180 to
+# 60 degrees, so that each candidate finds its own rotation.
 
 # %%
 profile = find_offset(streams.headings, track, method="profile")
@@ -441,7 +440,7 @@ assert narrow.offset_observable
 # is turned by the rotation that fits best at each place, so that only time is left to you.) Each
 # offset that you try leaves a dot. The true offset is another one here.
 #
-# **See** in the static picture, of the S-curve, how it looks after five tries.
+# **See:** the panel as a static picture, on the S-curve, after five tries.
 
 
 # %%
@@ -487,7 +486,7 @@ OffsetPanel(by_hand, list(drives))
 # `bound(s_curve(80.0), np.arange(0, 80, 1 / 30), 0.1)` and
 # `bound(s_curve(period=4.0), np.arange(0, 20, 1 / 30), 0.1)` both give 4.7 ms.
 #
-# </details>
+# </details><br>
 #
 # **2.** A vehicle drives an arc to the left for 10 s and then one to the right, of equal radius. Is
 # the offset observable?
@@ -498,7 +497,7 @@ OffsetPanel(by_hand, list(drives))
 # sum in (5) is $n\,\omega^2$. Within each half (6) still holds, but the two halves ask for
 # *opposite* rotations, and one rotation cannot serve both.
 #
-# </details>
+# </details><br>
 #
 # **3.** The vehicle stops and starts on a straight line, so its *speed* has a clear pattern. Could
 # that give the offset?

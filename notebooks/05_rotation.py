@@ -437,7 +437,7 @@ RotationPanel(spoiled_pairs, list(kinds))
 # chance: with 100 pairs of noise 0.05 we counted 4 in 10 for nods of 0.001 rad, and a few per cent
 # for 0.01 rad. The determinant costs nothing: keep it.
 #
-# </details>
+# </details><br>
 #
 # **2.** Why is $\delta$ in (5) needed, and what happens if it is large?
 #
@@ -447,7 +447,7 @@ RotationPanel(spoiled_pairs, list(kinds))
 # below $\delta$ all get the same weight, so there the loss is quadratic: with $\delta \ge 2$, the
 # longest residual there is, L1 becomes Kabsch.
 #
-# </details>
+# </details><br>
 #
 # **3.** Use (6): by what factor does the uncertainty about the forward axis shrink if the vehicle
 # drives half of the time sideways, instead of swinging by $\pm 15$ degrees?
@@ -470,8 +470,8 @@ RotationPanel(spoiled_pairs, list(kinds))
 #   leaves open.
 # - [`evcalib.plots.rotation`](../evcalib/plots/rotation.py),
 #   [`evcalib.widgets.rotation`](../evcalib/widgets/rotation.py): the pictures and the panel.
-# - [`evcalib.align`](../evcalib/calibration.py) does notebooks 4 and 5 in one call; on the command
-#   line it is `evcalib align headings.csv velocities.csv --max-offset 1.0`
+# - [`evcalib.align`](../evcalib/calibration.py) does notebooks 4 and 5 in one call.
+# - From the command line: `evcalib align headings.csv velocities.csv --max-offset 1.0`
 #
 # **Next:** [6. Full calibration](06_full_calibration.ipynb) puts all the parts together, from raw
 # events to a result with error bars.

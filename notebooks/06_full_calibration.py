@@ -555,9 +555,10 @@ recordings = {
 # rotation. So you climb twice: up to the curve by the angles, and along the curve to its peak by
 # the offset.
 #
-# **See** in the static picture, at the true offset but with a yaw that is wrong by 10 degrees: the
-# dots stand 10 degrees above the line (upper left), the residuals are 10 degrees (lower right), and
-# the orange dot is well below the curve.
+# **See:** the panel as a static picture, at the true offset but with a yaw that is wrong by 10
+# degrees. The dots stand 10 degrees above the line (upper left), the residuals are 10 degrees
+# (lower right), and the orange dot is below the curve. (The curve has a step at -0.8 s: the best
+# angles are searched by climbing from a start, and further left the climb ends on a lower hill.)
 
 # %%
 from evcalib.geometry import rotation_vector_to_matrix
@@ -598,7 +599,7 @@ Cockpit(recordings)
 # not on when it starts: $t_d$ drops out. The same holds for an arc at constant rate, where a shift
 # is a rotation. `predict` of notebook 0 says so before anyone drives.
 #
-# </details>
+# </details><br>
 #
 # **2.** Why must a track have at least three sightings (anchor and two more) to say anything about
 # the offset by its length?
@@ -608,7 +609,7 @@ Cockpit(recordings)
 # Its distance is unknown. One displacement fixes $\rho$ for any offset; only the second, compared
 # with the first, can contradict.
 #
-# </details>
+# </details><br>
 #
 # **3.** A lag of 0.1 px acts like a delay of how many milliseconds at 20 px/s, and at 100 px/s? How
 # would you drive to be safe from it?
@@ -618,7 +619,7 @@ Cockpit(recordings)
 # 5 ms and 1 ms. Drive faster or nearer to things; and let the flow change its direction and size
 # within the drive, so that a lag in pixels and a delay in time cannot be mistaken for one another.
 #
-# </details>
+# </details><br>
 #
 # **4.** In the toy of section 2, is there still a lead if the disc is centred on the *middle* of
 # the window's events, not the newest?

@@ -27,13 +27,9 @@
 # here.
 
 # %%
-from types import SimpleNamespace
-
 import matplotlib.pyplot as plt
 import numpy as np
 
-from data_tools.baseline_runs import reckoned_poses
-from data_tools.csv_table import read_columns
 from data_tools.motion import Noise, arc, dead_reckon, polyline, simulate
 from data_tools.studies import drives, load_short, median_ratio, medians, scratch_study, study
 from evcalib.baselines import METHODS, calibrate_with
@@ -41,7 +37,6 @@ from evcalib.geometry import rotation_angle
 from evcalib.plots import style
 from evcalib.plots.rivals import draw_rivals
 from evcalib.plots.studies import draw_arcs, draw_cost_of_clock, draw_rows
-from evcalib.series import VelocitySeries
 
 style.use()
 
@@ -87,6 +82,12 @@ MOTIONS = {
 
 
 # %%
+from types import SimpleNamespace
+
+from data_tools.baseline_runs import reckoned_poses
+from evcalib.series import VelocitySeries
+
+
 def make_trial(kind, noise=0.1, drift=0.02, seed=11):
     spoiled = {"heading_noise": {"sigma": noise}, "velocity_noise": {"sigma": drift, "rho": 0.98}}
     s = drives.streams({**MOTIONS[kind], **spoiled}, np.random.default_rng(seed))
@@ -178,7 +179,7 @@ print(len(GROUPS), "groups,", numbers, "numbers")
 ALL = ["hand_eye", "cgoc", "vc_wota", "vc", "authors", "hand_eye_offset", "cca"]
 ALL += ["cross_correlation", "ours"]
 figure = plt.figure(figsize=(9.2, 5.0))
-draw_rows(figure, full.table, ("arc", "polyline"), labels=ALL, limits=(0.05, 100))
+draw_rows(figure, full.table, ("arc", "polyline"), labels=ALL, limits=(0.02, 100))
 plt.show()
 
 # %% [markdown]
@@ -414,6 +415,8 @@ print(medians(wild, "offset_error_s", factor=1000, digits=0, short=SHORT))
 # of the authors' procedure. All angles are errors in degrees against the mounting by construction.
 
 # %%
+from data_tools.csv_table import read_columns
+
 real_table = read_columns("data/study_real.csv")
 order = ("group", "method", "rotation_deg", "offset_s", "rotation_sd_deg", "offset_sd_s")
 for group, name, off, late, sd, late_sd in zip(*(real_table[c] for c in order), strict=True):
@@ -451,8 +454,10 @@ else:
 # %% [markdown]
 # ## Rivals side by side
 #
-# The panel at the end runs every method on one drive of your choice. **See** it as a static picture
-# first, on *fingers*, with the path as `vc_wota` places it:
+# The panel at the end runs every method on one drive of your choice.
+#
+# **See:** the panel as a static picture, on *fingers*, with the camera's path as `vc_wota` places
+# it.
 
 # %%
 trial = make_trial("fingers")
@@ -489,8 +494,8 @@ RivalPanel(make_trial, list(MOTIONS))
 # - **"Also on arcs."** No. There the offset is not observable, by any method that knows directions
 #   only, and a method that searches for it all the same ruins the rotation.
 # - **"On real data."** Recordings on which nothing can be told apart prove nothing either way.
-# - **Ours** is level with the best rival on clean data, ahead of all in the offset once headings are
-#   wrong, and the only one that says when the drive has no answer.
+# - **Ours** is level with the best rival on clean data, ahead of all in the offset once headings
+#   are wrong, and the only one that says when the drive has no answer.
 #
 # And what this notebook does *not* show: noise other than one level of white noise (but for the
 # outliers and the panel), a vehicle that turns while it drives, or a real trajectory from visual
@@ -508,7 +513,7 @@ RivalPanel(make_trial, list(MOTIONS))
 # then $45 / 20$ degrees per second, and 0.3 s cost 0.7 degrees by (2), hardly more than noise. (Ten
 # drives without noise gave 0.6: least squares takes up $\sin\theta$.)
 #
-# </details>
+# </details><br>
 #
 # **2.** You drive an arc of 4 m and know from the hardware that the clocks agree to 10 ms. What is
 # the rotation worth?
@@ -519,7 +524,7 @@ RivalPanel(make_trial, list(MOTIONS))
 # noise. Give `align` the offset (`offset=0.0`): an arc is a fine drive for the rotation, if the
 # clock is known.
 #
-# </details>
+# </details><br>
 #
 # **3.** `hand_eye` and `vc_wota` make the same error in time. Why is hand-eye worse on polylines?
 #

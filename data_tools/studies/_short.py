@@ -152,7 +152,7 @@ def _part(group: str, method: str, known: Mapping[str, Floats]) -> dict[str, NDA
     missing = np.full(count, np.nan)
     numbers = {column: known.get(column, missing) for column, _ in QUANTITIES.values()}
     texts = {"group": group, "method": method, "failure": ""}
-    same: dict[str, NDArray[Any]] = {k: np.full(count, text, "U64") for k, text in texts.items()}
+    same: dict[str, NDArray[Any]] = {k: np.full(count, text) for k, text in texts.items()}
     return {**same, "trial": np.arange(count), **numbers}
 
 

@@ -138,7 +138,7 @@ def cockpit_axes(figure: Figure) -> tuple[Axes, Axes, Axes, Axes]:
         bottom=0.1,
         top=0.94,
         wspace=0.2,
-        hspace=0.42,
+        hspace=0.52,
     )
     azimuth = figure.add_subplot(grid[0, 0])
     elevation = figure.add_subplot(grid[1, 0], sharex=azimuth)

@@ -41,6 +41,7 @@ def draw_apart(axes: Sequence[Axes], headings: HeadingSeries, velocities: Veloci
         end = headings.t[-1], float(values[-10:].mean())
         left.annotate(name, end, (7, 0), textcoords="offset points", va="center", fontweight="bold")
     left.set_ylim(-1.05, 1.05)
+    left.set_xlim(right=headings.t[-1] + 0.08 * float(np.ptp(headings.t)))
     style.label(left, "camera time [s]", "heading, camera frame [-]", title="camera")
     right.plot(velocities.t, azimuth(velocities.v), color=style.BODY)
     style.label(right, "body time [s]", "azimuth, body frame [deg]", title="body")

@@ -61,7 +61,9 @@ class OffsetPanel(Panel):
         self.noise.continuous_update = False
         self.offset = slider("offset [s]", -MAX_OFFSET, MAX_OFFSET, 0.01, 0.0, ".2f")
         self.play = widgets.Play(min=-1, value=-1, interval=200, show_repeat=False)
-        self.compare = widgets.Checkbox(description="compare", indent=False)
+        self.compare = widgets.Checkbox(
+            description="compare", indent=False, layout={"margin": "2px 0 0 24px"}
+        )
         self.picture, self.numbers = widgets.Image(format="png"), widgets.HTML()
         self._figure = bare_figure((9.4, 3.3), left=0.07, right=0.985, bottom=0.145, top=0.9)
         with style.context():

@@ -105,6 +105,7 @@ class RivalPanel(Panel):
 
     def _draw(self) -> None:
         if self._of != (self.motion.value, self.noise.value, self.drift.value):
+            self.numbers.value = "computing ..."
             self._drive()
         self.picture.value = self.draw()
         self.numbers.value = self.table()
@@ -146,7 +147,7 @@ class RivalPanel(Panel):
                 cells = [name, "-", "-", self.failures[name]]
             cells = [html.escape(cell) for cell in cells]
             rows.append(_row("td", cells, bold=name == self.method.value))
-        return f"errors: <table>{''.join(rows)}</table>"
+        return f"errors: <table style='line-height:1.2'>{''.join(rows)}</table>"
 
 
 def _stated(found: Calibration) -> str:
