@@ -362,8 +362,7 @@ for motion, stage in pairs:
 # On these sweeps the headings alone are already good to a millisecond, and the tracks mend mostly
 # the rotation. The finger drives are where they are needed: from no answer to a millisecond.
 #
-# **See:** errors of the rotation, one line for each drive. Most lines go down; some of these errors
-# are so small already that the tracks do not mend them.
+# **See:** errors of the rotation, one line for each drive. Most lines go down, not all.
 
 # %%
 from evcalib.plots.full import draw_stages
