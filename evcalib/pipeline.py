@@ -85,6 +85,17 @@ def calibrate(
     ------
     InputError
         If an input is unusable, there are too few headings, or the two clocks do not overlap.
+
+    Notes
+    -----
+    Of errors of the model the verdict tells (its `doubts`): clocks that drift apart, a body that
+    turns and does not say so, and directions of travel that no rotation brings together, as a wrong
+    focal length, principal point or sideways slip makes them.  A camera that only translates within
+    a plane shows no more than that of its intrinsics.  The rest is absorbed: a turn of all
+    velocities (a steering zero) turns the rotation by as much; a principal point that is off by d
+    pixels, by up to d / focal radians; 1 % of focal length or of sideways slip, by up to 0.29
+    degrees; a delay of the odometry's times is part of the offset.  A wrong wheel radius does
+    nothing.
     """
     _check.one_of(refinement, "refinement", REFINEMENTS)
     lever = _check.floats((0.0, 0.0, 0.0) if camera_position is None else camera_position,
