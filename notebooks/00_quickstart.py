@@ -27,8 +27,6 @@
 # forward, Y to the left and Z up.
 
 # %%
-import tempfile
-import textwrap
 from pathlib import Path
 
 import matplotlib.pyplot as plt
@@ -146,6 +144,8 @@ Image(style.png(figures["correlation"], dpi=110))
 # into what other tools read: Kalibr's camchain, a ROS transform, or a URDF joint.
 
 # %%
+import tempfile
+
 folder = Path(tempfile.mkdtemp())
 write_calibration(folder / "calibration.yaml", found)
 stored = read_calibration(folder / "calibration.yaml")
@@ -254,6 +254,8 @@ for motion, both in forecasts.items():
 # The same in words, with advice where it is needed:
 
 # %%
+import textwrap
+
 for motion, forecast in forecasts.items():
     print(f"{motion}: {forecast.summary}")
 print(textwrap.fill("Advice for the arc: " + forecasts["arc"].advice[0], 90))

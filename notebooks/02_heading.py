@@ -396,8 +396,8 @@ for name, shift, yaw in (("moves", 0.1, 0.0), ("turns", 0.0, 0.04)):
 # The panel below shows matches and heading for any two times, with either solver. First as a static
 # picture: the two times from above, 250 and 450 ms, and two points.
 #
-# **See:** right, the heading is 2.5 deg to the right of the truth, which is one and a half times
-# what is stated. The focus (left) is off by as much.
+# **See:** right, the heading is 2.5 deg off, upwards and to the right, which is one and a half
+# times the stated standard deviation. The focus (left) is off by as much.
 
 # %%
 figure, (left, right) = plt.subplots(1, 2, figsize=(9.4, 4.3), width_ratios=(3, 2))

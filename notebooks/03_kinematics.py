@@ -39,7 +39,6 @@ from data_tools import motion, vehicles, wheel_logs
 from evcalib.errors import InputError
 from evcalib.kinematics import Mecanum, Omni, OmniWheel, Swerve, Wheel, WheelLog, WheelStates
 from evcalib.plots import draw_motion, draw_velocity_log, explain_motion, style
-from evcalib.plots.kinematics import draw_motions, draw_speed_error, draw_travel
 
 style.use()
 
@@ -76,6 +75,8 @@ assert math.isclose(angle, math.atan2(0.30, -0.25))
 # right angle to the line from it to the cross.
 
 # %%
+from evcalib.plots.kinematics import draw_motions
+
 cases = {"forward": (1, 0, 0), "crab": (0.7, 0.7, 0), "spin": (0, 0, 2), "curve": (0.8, 0, 1.4)}
 states = {name: swerve.wheel_states([[vx, vy]], [w]) for name, (vx, vy, w) in cases.items()}
 figure, axes = plt.subplots(1, 4, figsize=(9.4, 2.9), sharey=True)
@@ -193,6 +194,8 @@ assert np.allclose(error["least_squares"], 0.0)
 # squares.
 
 # %%
+from evcalib.plots.kinematics import draw_speed_error
+
 figure, ax = plt.subplots(figsize=(5.6, 3.2))
 shown = {"paper's average": error["average"], "least squares": error["least_squares"]}
 draw_speed_error(ax, rates, shown)
@@ -348,6 +351,8 @@ except InputError as refusal:
 # stay as they are, and where it is after 1 s; the blue line on it points to its front.
 
 # %%
+from evcalib.plots.kinematics import draw_travel
+
 states = swerve.wheel_states([[0.8, 0.0]], [1.0])
 states.speed[0, 0] += 0.4
 figure, (left, right) = plt.subplots(1, 2, figsize=(9.0, 4.6))

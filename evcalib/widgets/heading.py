@@ -74,13 +74,13 @@ class HeadingPanel(Panel):
         self.pool = widgets.Checkbox(description="pool shorter baselines too", indent=False)
         self.picture = widgets.Image(format="png")
         self.numbers = widgets.HTML()
+        self.recording.layout.margin = "2px 40px 2px 2px"
         margins = {"left": 0.06, "right": 0.985, "bottom": 0.22, "top": 0.97, "wspace": 0.2}
         self._figure = bare_figure((9.6, 4.4), **margins)
         with style.context():
             self._axes = self._figure.subplots(1, 2, width_ratios=(3, 2))
         rows = [
-            self.recording,
-            self.solver,
+            widgets.HBox([self.recording, self.solver]),
             widgets.HBox([self.middle, player(self.middle, 300), self.reset]),
             widgets.HBox([self.baseline, self.pool]),
         ]
