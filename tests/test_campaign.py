@@ -219,6 +219,16 @@ def test_a_body_that_turns_unseen_by_its_wheels_is_noticed_and_costs_little():
     assert time < 1e3 * (found.offset_interval[1] - found.offset)
 
 
+@pytest.mark.parametrize("trial", [8, 9])
+def test_the_offset_of_a_constant_arc_is_not_claimed(monkeypatch, trial):
+    """Noise of the odometry picked one of many offsets: 0.5 s and 15 deg off, and sure of it."""
+    monkeypatch.setattr(campaign, "MOTIONS", {"arc": 1.0})
+    seed = np.random.SeedSequence(5, spawn_key=(0, trial))
+    (row,) = campaign.trial(campaign.CELLS[0].parameters, seed)
+    assert row["motion"] == "arc"
+    assert not row["determined"]
+
+
 # The study --------------------------------------------------------------------------------------
 
 

@@ -1,13 +1,14 @@
 """The joint refinement: its kernel against a slow twin, exactness, robustness, honest intervals."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import naive_joint as naive
 import numpy as np
 import pytest
 from scipy.stats import binom
 
-from evcalib._joint_fit import Problem, begin, follow
+from evcalib._joint_fit import Problem, begin, follow, slope_of_loss
 from evcalib.errors import InputError
 from evcalib.final_stage import offset_observable
 from evcalib.geometry import LOOKS_FORWARD, rotation_angle, rotation_vector_to_matrix
@@ -436,3 +437,27 @@ def test_a_focal_length_must_be_positive(noisy, focal):
     velocities, tracks, _ = noisy
     with pytest.raises(InputError, match="focal"):
         refined(tracks, velocities, focal=focal)
+
+
+@pytest.mark.parametrize("reach", [2.5, 5.0])
+def test_the_bend_of_the_loss_is_that_of_its_second_derivative(reach):
+    """For normal residuals: the mean of psi' over that of the weight, by central differences."""
+    rng, h = np.random.default_rng(15), 1e-4
+    off = rng.standard_normal((200_000, 2))
+
+    def psi(r):
+        u = np.minimum(np.sum(r**2, axis=1) / reach**2, 1.0)
+        return (1 - u) ** 2 * r[:, 0]
+
+    slope = np.mean(psi(off + [h, 0]) - psi(off - [h, 0])) / (2 * h)
+    weights = (1 - np.minimum(np.sum(off**2, axis=1) / reach**2, 1.0)) ** 2
+    fit = SimpleNamespace(residuals=off, weights=weights, reach=reach)
+    assert slope_of_loss(fit) == pytest.approx(slope / weights.mean(), rel=0.02)
+
+
+def test_a_clock_that_gains_keeps_its_middle(noisy):
+    _, tracks, _ = noisy
+    faster = tracks.on_clock(1e-3)
+    middle = 0.5 * (tracks.start[0] + tracks.start[-1])
+    assert faster.t1 - tracks.t1 == pytest.approx(1e-3 * (tracks.t1 - middle))
+    assert faster.t2 - tracks.t2 == pytest.approx(1e-3 * (tracks.t2 - middle))

@@ -1,5 +1,7 @@
 """What a motion can tell: the heading-rate test, a steady rival, and the spread of directions."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import stats
@@ -12,6 +14,7 @@ from evcalib.observability import (
     coloured_noise,
     direction_spread,
     heading_rate_test,
+    speed_test,
     steady_turning,
 )
 from evcalib.series import VelocitySeries
@@ -208,3 +211,24 @@ def test_the_test_is_calibrated_at_its_gate():
     """Of 200 straight drives at most 4 pass by chance where 3 standard deviations allow 0.27."""
     z = z_values(motion.straight(6.0), trials=200)
     assert (z > RATE_GATE).sum() <= stats.binom.ppf(0.9999, 200, stats.norm.sf(RATE_GATE)) + 1
+
+
+# Speed ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("drive", [motion.straight(), motion.arc()], ids=lambda d: d.kind)
+@pytest.mark.parametrize("rho", [0.0, 0.8])
+def test_noise_alone_does_not_pass_for_a_change_of_speed(drive, rho):
+    """How long noise remembers is known less surely: then one in ten may pass."""
+    tracks = (track_of(drive, seed, rho=rho) for seed in range(40))
+    z = np.array([speed_test(track, 0.0, drive.duration) for track in tracks])
+    assert z.mean() < 0.8
+    assert rho > 0 or z.mean() > -0.8
+    assert (z > RATE_GATE).sum() <= (4 if rho else 1)
+
+
+def test_a_change_of_speed_of_a_few_percent_shows():
+    drive = replace(motion.straight(), speed=lambda t: 1.0 + 0.03 * np.sin(t))
+    assert speed_test(track_of(drive), 0.0, 20.0) > 2 * RATE_GATE
+    # Over too short a part nothing shows.
+    assert speed_test(track_of(drive), 3.0, 3.5) == 0.0
