@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data_tools.motion import Drive, wobble
+from data_tools.sightings import RATE, USUAL, Corners, Sightings, Spans, Whole, outside, sighted
 from data_tools.trajectory import Trajectory
 from evcalib._heading_fit import FitOptions
 from evcalib._heading_result import HeadingEstimate, collected
@@ -27,20 +28,12 @@ from evcalib.results import Calibration
 from evcalib.series import VelocitySeries
 
 Floats = NDArray[np.float64]
-Whole = NDArray[np.int64]
-Spans = tuple[tuple[float, float], ...]
 
-RATE, STEPS = 8.0, 5
-"""Keyframes per second, and the longest span of a pair: 0.6 s, as `evcalib.calibrate` has 0.7."""
+STEPS = 5
+"""Longest span of a pair: 0.6 s, where `evcalib.calibrate` has 0.7."""
 
 OPTIONS = {"threshold": 1.5, "min_inliers": 20, "max_sd": 3.0, "enough_sd": 0.2}
 """The defaults of `evcalib.estimate_headings`."""
-
-NEAREST, FARTHEST = 0.7, 8.0
-"""Distances of corners along the optical axis [m]."""
-
-SLOWEST = 3.0
-"""Corners that flow slower than this [px/s] leave too few events to be seen."""
 
 GATHERED = 0.06
 """Time over which a keyframe gathers its corners [s]; pairs do not share events."""
@@ -91,53 +84,6 @@ class Fault:
     lever: tuple[float, float, float] = (0.0, 0.0, 0.0)
     focal: float = 1.0
     centre: tuple[float, float] = (0.0, 0.0)
-
-
-@dataclass(frozen=True)
-class Corners:
-    """What the camera sees, and how well.
-
-    Attributes
-    ----------
-    count : int
-        Corners in view at a time.
-    life : float
-        Mean time [s] for which one is seen at most.
-    noise : float
-        Standard deviation of a sighting per axis [px].
-    memory : float
-        Time constant [s] over which half of the noise's variance lasts; 0 for white noise.
-    lag : float
-        Corners trail their flow by so much [px].
-    false : float
-        Share of the matches that go to another corner, anywhere within reach.
-    movers : tuple of (float, float)
-        Intervals [s] of camera time in which all that is seen moves by itself.
-    gaps : tuple of (float, float)
-        Intervals [s] of camera time without keyframes.
-    """
-
-    count: int = 45
-    life: float = 1.5
-    noise: float = 0.2
-    memory: float = 0.0
-    lag: float = 0.0
-    false: float = 0.0
-    movers: Spans = ()
-    gaps: Spans = ()
-
-
-@dataclass(frozen=True, eq=False)
-class Sightings:
-    """Corners in keyframes; row i is corner `corner[i]` in keyframe `keyframe[i]` at `xy[i]`.
-
-    Rows are in order of keyframes, then corners; `t` (keyframes,) are times on the camera clock.
-    """
-
-    t: Floats
-    keyframe: Whole
-    corner: Whole
-    xy: Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -253,7 +199,7 @@ def sight(
     camera: Camera,
     R_body_cam: Floats,
     offset: float,
-    corners: Corners = Corners(),
+    corners: Corners = USUAL,
     odometry_noise: float = 0.01,
     odometry_gaps: Spans = (),
     fault: Fault = Fault(),
@@ -283,10 +229,10 @@ def sight(
         drive = replace(drive, yaw_rate=wobble(rng, fault.yaw))
     path = Trajectory.of_drive(drive)
     t = np.arange(np.ceil(max(-offset, 0.0) * RATE), (drive.duration - offset) * RATE) / RATE
-    t = t[_outside(t, corners.gaps)]
+    t = t[outside(t, corners.gaps)]
     body = t + offset + _clock_error(fault, t, rng)
     t, body = (some[(body >= 0) & (body <= drive.duration)] for some in (t, body))
-    made = _sighted(path, rng, camera, R_body_cam, corners, fault.lever, t, body)
+    made = sighted(path, rng, camera, R_body_cam, corners, fault.lever, t, body)
     told = replace(
         camera,
         fx=camera.fx * fault.focal,
@@ -312,74 +258,6 @@ def _clock_error(fault: Fault, t: Floats, rng: np.random.Generator) -> Floats:
     return fault.drift * (t - 0.5 * (t[0] + t[-1])) + swing - swing.mean()
 
 
-def _sighted(
-    path: Trajectory,
-    rng: np.random.Generator,
-    camera: Camera,
-    R_body_cam: Floats,
-    corners: Corners,
-    lever: tuple[float, float, float],
-    t: Floats,
-    body: Floats,
-) -> Sightings:
-    """Draw corners that come into being all along the drive, and see them in all keyframes."""
-    positions, turns = path.position_at(body), path.rotation_at(body)
-    centres, axes = positions + turns @ np.asarray(lever), turns @ R_body_cam
-    # In view of some keyframe: a pixel, a distance.
-    births = int(corners.count * max(t.size / (RATE * corners.life), 1.0))
-    at = rng.integers(0, t.size, births)
-    rays = camera.bearings(rng.uniform(0, [camera.width - 1, camera.height - 1], (births, 2)))
-    depth = np.exp(rng.uniform(np.log(NEAREST), np.log(FARTHEST), births))
-    rays *= (depth / rays[:, 2])[:, None]
-    points = centres[at] + np.einsum("nij,nj->ni", axes[at], rays)
-    moving = ~_outside(t[at], corners.movers)
-    speed = np.where(moving[:, None], rng.normal(0.0, 0.5, (births, 3)), 0.0)
-    span = rng.exponential(corners.life, (births, 2))
-
-    first = np.searchsorted(t, t[at] - span[:, 0])
-    last = np.searchsorted(t, t[at] + span[:, 1], side="right")
-    corner = np.repeat(np.arange(births), last - first)
-    keyframe = np.arange(corner.size) - np.repeat(np.cumsum(last - first) - last, last - first)
-    alone = moving[corner] <= ~_outside(t[keyframe], corners.movers)
-    corner, keyframe = corner[alone], keyframe[alone]
-
-    def seen(late: float) -> Floats:
-        """Return pixels at the keyframes, or a little later."""
-        when = np.clip(body + late, path.t[0], path.t[-1])
-        R = path.rotation_at(when)
-        where = path.position_at(when) + R @ np.asarray(lever)
-        now = points[corner] + speed[corner] * (when[keyframe] - body[at[corner]])[:, None]
-        ray = np.einsum("nji,nj->ni", (R @ R_body_cam)[keyframe], now - where[keyframe])
-        return np.where(ray[:, 2:] > 0.2, camera.project(ray), np.nan)
-
-    h = 1e-3
-    xy, flow = seen(0.0), (seen(h) - seen(-h)) / (2 * h)
-    size = np.hypot(*flow.T)
-    noise = corners.noise * _noise(rng, corner, keyframe, corners.memory)
-    xy = xy - corners.lag * flow / np.maximum(size, 1e-9)[:, None] + noise
-    inside = (xy >= 0).all(axis=1) & (xy <= [camera.width - 1, camera.height - 1]).all(axis=1)
-    kept = np.flatnonzero(inside & (size >= SLOWEST))
-    kept = kept[np.lexsort((corner[kept], keyframe[kept]))]
-    # As many as a keyframe holds, the oldest first.
-    rank = np.arange(kept.size) - np.searchsorted(keyframe[kept], keyframe[kept])
-    kept = kept[rank < 2 * corners.count]
-    return Sightings(t, keyframe[kept], corner[kept], xy[kept])
-
-
-def _noise(rng: np.random.Generator, corner: Whole, keyframe: Whole, memory: float) -> Floats:
-    """Return unit noise (n, 2): white, or half of its variance an AR(1) along each corner."""
-    white = rng.standard_normal((corner.size, 2))
-    if not memory:
-        return white
-    # A sum of cosines of random rates has the correlation that a Cauchy spectrum gives:
-    # exp(-|lag| / memory).
-    waves = 8
-    rate = rng.standard_cauchy((int(corner.max()) + 1, waves, 2)) / memory
-    phase = rng.uniform(0, 2 * np.pi, rate.shape)
-    slow = np.cos(rate[corner] * (keyframe / RATE)[:, None, None] + phase[corner]).sum(axis=1)
-    return np.sqrt(0.5) * (white + np.sqrt(2.0 / waves) * slow)
-
-
 def _velocities(
     drive: Drive, rng: np.random.Generator, noise: float, gaps: Spans, fault: Fault
 ) -> VelocitySeries:
@@ -392,12 +270,5 @@ def _velocities(
     told = t + fault.jitter * rng.standard_normal(t.size)
     if fault.quantum:
         told = fault.quantum * np.floor(told / fault.quantum)
-    keep = _outside(t, gaps) & (np.diff(np.maximum.accumulate(told), prepend=-np.inf) > 1e-9)
+    keep = outside(t, gaps) & (np.diff(np.maximum.accumulate(told), prepend=-np.inf) > 1e-9)
     return VelocitySeries(told[keep], v[keep], None if yaw is None else yaw[keep])
-
-
-def _outside(t: Floats, spans: Spans) -> NDArray[np.bool_]:
-    out = np.ones(t.shape, dtype=np.bool_)
-    for start, end in spans:
-        out &= (t < start) | (t > end)
-    return out

@@ -7,13 +7,13 @@ variance that of Newey and West as for the fit itself).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from evcalib._joint_fit import OFFSET, SPIN, Fit, Problem, Reduced, long_run, slope_of_loss
+from evcalib._joint_fit import OFFSET, SPIN, Fit, Problem, Reduced, long_run, slope_of_loss, solve
 
 Floats = NDArray[np.float64]
 
@@ -25,6 +25,9 @@ SURE = 3.0
 
 TURNS = 1.0
 """Yaw rates are averaged over so much time [s]."""
+
+TRIES = 4
+"""Most fits that take a departure in."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,6 +97,43 @@ def turning(problem: Problem, fit: Fit) -> float:
     # Sightings of one corner share their error: a track counts once.
     noise = problem.tracks.length.mean() * fit.noise**2 / total[known]
     return float(np.sqrt(max(np.mean(rate[known] ** 2 - noise), 0.0)))
+
+
+def with_turning(
+    problem: Problem, fit: Fit, free: NDArray[np.bool_], widest: float
+) -> tuple[Problem, Fit]:
+    """Fit anew with as much turning as the tracks show, if it is more than was expected."""
+    for _ in range(TRIES):
+        seen = turning(problem, fit)
+        if seen < problem.spin_sd:
+            break
+        problem = replace(problem, spin_sd=1.2 * seen)
+        again = solve(problem, fit.R, fit.offset, free, widest)
+        if again is None:
+            break
+        fit = again
+    return problem, fit
+
+
+def without_drift(
+    problem: Problem, fit: Fit, free: NDArray[np.bool_], widest: float
+) -> tuple[Problem, Fit, Departure]:
+    """Fit anew on a clock without drift, if there is one, and return the drift."""
+    found = drift(problem, fit, free)
+    total, left = 0.0, found
+    for _ in range(TRIES):
+        if left.z < SURE:
+            break
+        rate = float(left.values[0])
+        straight = replace(problem, tracks=problem.tracks.on_clock(rate))
+        again = solve(straight, fit.R, fit.offset, free, widest)
+        if again is None:
+            break
+        problem, fit, total = straight, again, total + rate
+        left = drift(problem, fit, free)
+    if total:
+        found = replace(left, values=left.values + total, z=found.z)
+    return problem, fit, found
 
 
 def _times(problem: Problem, fit: Fit) -> Floats:

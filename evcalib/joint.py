@@ -7,7 +7,7 @@ turns of the motion show the offset, but every change of speed.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from evcalib import _check
 from evcalib import _joint_checks as checks
 from evcalib._joint_checks import Departure
-from evcalib._joint_fit import Fit, Problem, covariance_of, solve
+from evcalib._joint_fit import Problem, covariance_of, solve
 from evcalib._joint_search import FEWEST, GATE, curve_of, search_offsets
 from evcalib.kernels import track as track_kernel
 from evcalib.offset import OffsetCurve, candidate_offsets
@@ -49,9 +49,6 @@ sudden."""
 
 USUAL_SPAN = 0.4
 """Usual time from the first to the last sighting of a corner [s]."""
-
-TRIES = 4
-"""Most fits with ever more turning."""
 
 NEAR = np.arange(-6, 7) * 0.01
 """Offsets [s] around the optimum at which its sharpness is measured."""
@@ -124,8 +121,7 @@ class JointRefinement:
         By how much directions of travel differ between the streams beyond a rotation [rad], as the
         cosine and the sine of twice their angle.
     turning : float
-        Standard deviation of the yaw rate that the odometry does not tell, as the fit takes it
-        [rad/s].
+        Standard deviation of the yaw rate that the odometry does not tell [rad/s], as taken.
     """
 
     R_body_cam: Floats
@@ -231,8 +227,8 @@ def refine_jointly(
     fit = solve(problem, R_body_cam, offset, free, widest)
     if fit is None:
         return None
-    problem, fit = _turning(problem, fit, free, widest)
-    problem, fit, drift = _drifting(problem, fit, free, widest)
+    problem, fit = checks.with_turning(problem, fit, free, widest)
+    problem, fit, drift = checks.without_drift(problem, fit, free, widest)
     covariance, samples = covariance_of(problem, fit, free)
     covariance[:3, :3] += systematic.rotation_sd**2 * np.eye(3)
     if estimate_offset:
@@ -265,43 +261,6 @@ def refine_jointly(
         distortion=checks.distortion(problem, fit, free),
         turning=problem.spin_sd,
     )
-
-
-def _turning(
-    problem: Problem, fit: Fit, free: NDArray[np.bool_], widest: float
-) -> tuple[Problem, Fit]:
-    """Fit anew with as much turning as the tracks show, if it is more than was expected."""
-    for _ in range(TRIES):
-        seen = checks.turning(problem, fit)
-        if seen < problem.spin_sd:
-            break
-        problem = replace(problem, spin_sd=1.2 * seen)
-        again = solve(problem, fit.R, fit.offset, free, widest)
-        if again is None:
-            break
-        fit = again
-    return problem, fit
-
-
-def _drifting(
-    problem: Problem, fit: Fit, free: NDArray[np.bool_], widest: float
-) -> tuple[Problem, Fit, Departure]:
-    """Fit anew on a clock without drift, if there is one, and return the drift."""
-    found = checks.drift(problem, fit, free)
-    total, left = 0.0, found
-    for _ in range(TRIES):
-        if left.z < checks.SURE:
-            break
-        rate = float(left.values[0])
-        straight = replace(problem, tracks=problem.tracks.on_clock(rate))
-        again = solve(straight, fit.R, fit.offset, free, widest)
-        if again is None:
-            break
-        problem, fit, total = straight, again, total + rate
-        left = checks.drift(problem, fit, free)
-    if total:
-        found = replace(left, values=left.values + total, z=found.z)
-    return problem, fit, found
 
 
 def world_motion(velocities: VelocitySeries, track: VelocityTrack) -> tuple[NDArray, ...]:

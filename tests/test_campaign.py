@@ -9,8 +9,10 @@ import pytest
 
 from data_tools import sighting_drives
 from data_tools.motion import Drive, s_curve, straight
-from data_tools.sighting_drives import Corners, Fault, sight
+from data_tools.sighting_drives import Fault, sight
+from data_tools.sightings import Corners, unit_noise
 from data_tools.studies import Study, campaign, run_study
+from data_tools.studies import _campaign_draws as draws
 from evcalib.camera import Camera
 from evcalib.geometry import LOOKS_FORWARD, random_rotation, rotation_angle
 from evcalib.heading import estimate_headings
@@ -94,7 +96,7 @@ def test_noise_has_the_size_and_the_memory_that_are_asked_for():
     rng, corner = np.random.default_rng(0), np.repeat(np.arange(3000), 3)
     keyframe = np.tile([0, 1, 40], 3000)
     for memory, expected in [(0.0, 0.0), (0.5, 0.5 * np.exp(-1 / 8 / 0.5))]:
-        noise = sighting_drives._noise(rng, corner, keyframe, memory).reshape(3000, 3, 2)
+        noise = unit_noise(rng, corner, keyframe, memory).reshape(3000, 3, 2)
         assert noise.std() == pytest.approx(1.0, abs=0.03)
         across = np.mean(noise[:, 0] * noise[:, 1])
         assert across == pytest.approx(expected, abs=0.05)
@@ -222,7 +224,7 @@ def test_a_body_that_turns_unseen_by_its_wheels_is_noticed_and_costs_little():
 @pytest.mark.parametrize("trial", [8, 9])
 def test_the_offset_of_a_constant_arc_is_not_claimed(monkeypatch, trial):
     """Noise of the odometry picked one of many offsets: 0.5 s and 15 deg off, and sure of it."""
-    monkeypatch.setattr(campaign, "MOTIONS", {"arc": 1.0})
+    monkeypatch.setattr(draws, "MOTIONS", {"arc": 1.0})
     seed = np.random.SeedSequence(5, spawn_key=(0, trial))
     (row,) = campaign.trial(campaign.CELLS[0].parameters, seed)
     assert row["motion"] == "arc"
@@ -234,14 +236,14 @@ def test_the_offset_of_a_constant_arc_is_not_claimed(monkeypatch, trial):
 
 def test_every_error_and_every_motion_is_drawn():
     rng = np.random.default_rng(0)
-    kinds = {campaign.drive_of(rng).kind for _ in range(300)}
-    assert kinds == set(campaign.MOTIONS)
-    assert sum(campaign.MOTIONS.values()) == pytest.approx(1.0)
+    kinds = {draws.drive_of(rng).kind for _ in range(300)}
+    assert kinds == set(draws.MOTIONS)
+    assert sum(draws.MOTIONS.values()) == pytest.approx(1.0)
     for cell in campaign.study().cells:
-        fault, size = campaign.FAULTS[cell.parameters["fault"]](rng, CAMERA)
+        fault, size = draws.FAULTS[cell.parameters["fault"]](rng, CAMERA)
         assert (fault == Fault()) == (cell.parameters["fault"] == "none")
         assert np.isfinite(size)
-    assert {cell.parameters["fault"] for cell in campaign.CELLS} == set(campaign.FAULTS)
+    assert {cell.parameters["fault"] for cell in campaign.CELLS} == set(draws.FAULTS)
 
 
 def test_the_study_gives_the_same_bytes_in_two_processes(tmp_path):

@@ -15,7 +15,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from data_tools.motion import Drive, Noise, s_curve, simulate
-from data_tools.sighting_drives import Corners, sight
+from data_tools.sighting_drives import sight
+from data_tools.sightings import Corners
 from data_tools.simulator import simulate_translation
 from evcalib import HeadingSeries, VelocitySeries, align
 from evcalib.camera import Camera
