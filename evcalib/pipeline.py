@@ -94,8 +94,8 @@ def calibrate(
     a plane shows no more than that of its intrinsics.  The rest is absorbed: a turn of all
     velocities (a steering zero) turns the rotation by as much; a principal point that is off by d
     pixels, by up to d / focal radians; 1 % of focal length or of sideways slip, by up to 0.29
-    degrees; a delay of the odometry's times is part of the offset.  A wrong wheel radius does
-    nothing.
+    degrees; a delay of the odometry's times, also of times cut to whole multiples, is part of the
+    offset.  A wrong wheel radius does nothing.
     """
     _check.one_of(refinement, "refinement", REFINEMENTS)
     lever = _check.floats((0.0, 0.0, 0.0) if camera_position is None else camera_position,

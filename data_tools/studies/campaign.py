@@ -97,8 +97,12 @@ def trial(parameters: Mapping[str, Any], seed: np.random.SeedSequence) -> list[R
     return [{**drawn, **outcome(found, made.R_body_cam, made.offset)}]
 
 
-ABSORBED = ("steering", "centre", "focal", "slip", "radius")
-"""Errors that the answer takes in without a trace, wholly or in part."""
+ABSORBED = ("steering", "centre", "focal", "slip", "quantum")
+"""Errors that the answer takes in without a trace, wholly or in part.
+
+A steering zero turns the rotation; times that are cut, to multiples that divide the odometry's
+step, are late by a constant; of wrong intrinsics and of slip a part looks like a rotation.
+"""
 
 MAX_OFFSET = 0.6
 """Offsets within which all are searched [s]."""
