@@ -187,11 +187,11 @@ def open_page(
         context.close()
 
 
-def photograph(page: Page, stem: str) -> int:
+def photograph(page: Page, stem: str, *, most: int = 99) -> int:
     """Take pictures of all that scrolls around the first cell, a window at a time; how many."""
     outer = page.evaluate_handle(_SCROLLER).as_element()
     height, step = outer.evaluate("e => [e.scrollHeight, e.clientHeight]")
-    count = -(-int(height) // int(step))
+    count = min(-(-int(height) // int(step)), most)
     for number in range(count):
         outer.evaluate("(e, top) => { e.scrollTop = top; }", number * step)
         page.wait_for_timeout(80)
@@ -238,11 +238,9 @@ class LabNotebook:
         return list(self.page.evaluate(_COMPLAINTS))
 
     def settle(self) -> None:
-        """Wait until the kernel is idle and stays so for a moment."""
-        self.page.wait_for_timeout(60)
-        for _ in range(2):
-            self._wait(f"() => {NOTEBOOK}.sessionContext.session.kernel.status === 'idle'")
-            self.page.wait_for_timeout(40)
+        """Wait until the kernel is idle, and a moment longer for what it sent last."""
+        self._wait(f"() => {NOTEBOOK}.sessionContext.session.kernel.status === 'idle'")
+        self.page.wait_for_timeout(200)
 
     def use_theme(self, name: str) -> None:
         """Change the colours of JupyterLab, as *JupyterLab Dark*."""

@@ -65,7 +65,7 @@ def panels(page: Page) -> list[Locator]:
     return page.locator(PANEL).all()
 
 
-def exercise(panel: Locator, settle: Callable[[], None], *, patience: int = 3_000) -> Report:
+def exercise(panel: Locator, *, patience: int) -> Report:
     """Move all that can be seen and moved in a panel once, and press each button, reset last.
 
     What a move brings to light or enables is moved in its turn.
@@ -74,10 +74,8 @@ def exercise(panel: Locator, settle: Callable[[], None], *, patience: int = 3_00
     ----------
     panel : Locator
         One of `panels`.
-    settle : callable
-        Waits until the kernel has nothing left to do, as far as the page knows.
     patience : int
-        Wait for a new picture after that [ms].
+        Wait for a new picture while the kernel has nothing to do, as far as the page knows [ms].
     """
     panel.scroll_into_view_if_needed()
     report = Report(panel.locator("img, canvas").count())
@@ -86,9 +84,7 @@ def exercise(panel: Locator, settle: Callable[[], None], *, patience: int = 3_00
         pixels, words = panel.evaluate(_PIXELS), _words(panel)
         panel.evaluate("panel => probe.watch(panel)")
         move()
-        settle()
         ms = panel.evaluate("(panel, patience) => probe.awaited(patience)", patience)
-        settle()
         panel.evaluate("(panel, quiet) => probe.steady(panel, quiet)", QUIET)
         changed = panel.evaluate(_PIXELS) != pixels
         report.moves.append(Move(name, ms and round(ms), changed, _words(panel) != words))

@@ -1,5 +1,9 @@
 // Looks at the pictures of a panel of widgets from inside the page.
 window.probe = (() => {
+  let kernel = null; // stays so in Voila, which does not show its kernel
+  const busy = () => kernel !== null && kernel.status !== 'idle';
+  const pause = () => new Promise(resolve => setTimeout(resolve, 20));
+
   const pictures = panel =>
     [...panel.querySelectorAll('img, canvas')].filter(e => e.getBoundingClientRect().width > 20);
 
@@ -45,22 +49,22 @@ window.probe = (() => {
     };
   };
 
-  // That time, as soon as it is known; null if it is not after a while [ms].
+  // That time, as soon as it is known; null if none came while the kernel was busy nor after [ms].
   const awaited = async patience => {
-    for (const end = performance.now() + patience; performance.now() < end; ) {
+    for (let end = performance.now() + patience; performance.now() < end; await pause()) {
       if (watched.ms !== null) break;
-      await new Promise(resolve => setTimeout(resolve, 20));
+      if (busy()) end = performance.now() + patience;
     }
     watched.stop();
     return watched.ms;
   };
 
-  // Waits until pictures and words have not changed for a while [ms].
+  // Waits until the kernel is idle, and pictures and words have not changed for a while [ms].
   const steady = async (panel, quiet) => {
-    const look = () => `${glance(panel)}\n${panel.innerText}`;
+    const look = () => `${busy()}\n${glance(panel)}\n${panel.innerText}`;
     let seen = look(), since = performance.now();
-    while (performance.now() - since < quiet) {
-      await new Promise(resolve => setTimeout(resolve, 20));
+    while (busy() || performance.now() - since < quiet) {
+      await pause();
       if (look() === seen) continue;
       [seen, since] = [look(), performance.now()];
     }
@@ -70,10 +74,13 @@ window.probe = (() => {
   // that has not loaded ipywidgets yet says that it knows no such comm when Lab first asks for it.
   const complaints = [];
   const complain = text => { if (!text.startsWith('No such comm')) complaints.push(text); };
-  const listen = kernel => kernel.iopubMessage.connect((_, { header, content }) => {
-    if (header.msg_type === 'error') complain(`${content.ename}: ${content.evalue}`);
-    if (header.msg_type === 'stream' && content.name === 'stderr') complain(content.text);
-  });
+  const listen = to => {
+    kernel = to;
+    kernel.iopubMessage.connect((_, { header, content }) => {
+      if (header.msg_type === 'error') complain(`${content.ename}: ${content.evalue}`);
+      if (header.msg_type === 'stream' && content.name === 'stderr') complain(content.text);
+    });
+  };
 
   return { pixels, watch, awaited, steady, listen, complaints };
 })();
