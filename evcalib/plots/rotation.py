@@ -57,7 +57,8 @@ def draw_map(ax: Axes, e: Floats, d: Floats, estimate: RotationEstimate) -> None
         (inlier, style.INLIER, "headings, turned: inliers"),
         (~inlier, style.OUTLIER, "outliers"),
     ):
-        ax.plot(x[mask, 0], y[mask, 0], ".", ms=4, color=color, label=name)
+        # Not x[mask]: before matplotlib 3.11 a map of the sphere cannot draw a line of no points.
+        ax.plot(np.where(mask, x[:, 0], np.nan), y[:, 0], ".", ms=4, color=color, label=name)
     ax.plot(x[:, 1], y[:, 1], ".", ms=5, color=style.BODY, label="body directions")
     ax.set_xticks(np.pi / 2 * np.array([-1, 0, 1]), [])
     for place, name in ((0.25, "left"), (0.5, "forward"), (0.75, "right")):
