@@ -201,7 +201,8 @@ def server(monkeypatch):
 def test_checkout_opens_its_own_notebooks(run, server, checkout, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert run("lab")[:2] == (0, "")
-    assert f"--ServerApp.root_dir={CHECKOUT}" in server.words
+    assert f"--ServerApp.root_dir={CHECKOUT.parent}" in server.words
+    assert "--LabApp.default_url=/lab/tree/notebooks/00_quickstart.ipynb" in server.words
     assert "--ServerApp.open_browser=True" in server.words
     assert list(tmp_path.iterdir()) == []
 

@@ -35,18 +35,22 @@ def lab(
     ] = None,
 ) -> None:
     """Open the notebooks in JupyterLab; Ctrl-C ends it."""
-    from data_tools.course import copy_notebooks, home_of_notebooks
+    from data_tools.course import FIRST, copy_notebooks, home_of_notebooks
 
     server = _jupyterlab()
     if port is not None:
         _check_free(port)
     home, is_checkout = home_of_notebooks()
     target = folder or (home if is_checkout else Path(DEFAULT_FOLDER))
-    if target.resolve() != home.resolve():
+    if is_checkout and target.resolve() == home.resolve():
+        # The server then also shows the source, to which the notebooks link.
+        root, first = home.parent, f"{home.name}/{FIRST}"
+    else:
+        root, first = target, FIRST
         copied = copy_notebooks(target)
         if copied.text():
             print(copied.text(), flush=True)
-    server.launch_instance(_arguments(target, no_browser=no_browser, port=port))
+    server.launch_instance(_arguments(root, first, no_browser=no_browser, port=port))
 
 
 def _jupyterlab() -> Any:
@@ -57,13 +61,11 @@ def _jupyterlab() -> Any:
     return LabApp
 
 
-def _arguments(target: Path, *, no_browser: bool, port: int | None) -> list[str]:
+def _arguments(root: Path, first: str, *, no_browser: bool, port: int | None) -> list[str]:
     """Return the server's command line: first notebook open, no question, no request outside."""
-    from data_tools.course import FIRST
-
     words = [
-        f"--ServerApp.root_dir={target.resolve()}",
-        f"--LabApp.default_url=/lab/tree/{FIRST}",
+        f"--ServerApp.root_dir={root.resolve()}",
+        f"--LabApp.default_url=/lab/tree/{first}",
         f"--ServerApp.open_browser={not no_browser}",
         "--ServerApp.answer_yes=True",
         "--Application.log_level=WARN",
