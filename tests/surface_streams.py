@@ -8,7 +8,7 @@ from evcalib.events import MAX_TIME_US, Events
 
 @st.composite
 def streams(draw, largest=24):
-    """Small sensors down to one pixel, crowded pixels, equal times, from 0 or near the largest time."""
+    """Sensors of one pixel and more, crowded pixels, equal times, from 0 or near the largest."""
     width, height = draw(st.integers(1, largest)), draw(st.integers(1, largest))
     n = draw(st.integers(1, 120))
     seed, step = draw(st.integers(0, 2**32 - 1)), draw(st.sampled_from([1, 3, 500, 40_000]))
