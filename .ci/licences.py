@@ -33,6 +33,7 @@ FORMS = {
 LOOKED_UP = {
     "apsw": "Zlib",  # its LICENSE; the metadata say any-OSI
     # Its LICENSE is MIT; its doc/information.rst names those of the filters that it bundles.
+    "aedat": "MIT",
     "hdf5plugin": "MIT AND BSD-3-Clause AND Apache-2.0",
 }
 
