@@ -38,7 +38,7 @@ def results(browser):
         "python": platform.python_version(),
         "jupyterlab": version("jupyterlab"),
         "ipywidgets": version("ipywidgets"),
-        "chromium": browser.version,
+        "chromium": browser.browser.version,
     }
     yield found
     path.write_text(json.dumps(found, indent=1, sort_keys=True) + "\n", encoding="utf-8")

@@ -24,7 +24,7 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 import nbformat
-from playwright.sync_api import Browser, Page, sync_playwright
+from playwright.sync_api import BrowserContext, Page, sync_playwright
 
 ROOT = Path(__file__).parents[2]
 ARTEFACTS = ROOT / ".artefacts" / "browser"
@@ -152,21 +152,22 @@ def _wait_for(server: Server, process: subprocess.Popen[bytes]) -> None:
 
 
 @contextmanager
-def open_browser() -> Iterator[Browser]:
-    """Start Chromium."""
+def open_browser() -> Iterator[BrowserContext]:
+    """Start Chromium, with one cache for all pages."""
     with (
         sync_playwright() as playwright,
         playwright.chromium.launch(executable_path=chromium(), args=CHROMIUM) as browser,
+        browser.new_context(viewport=SIZE, service_workers="block") as context,
     ):
-        yield browser
+        context.add_init_script(path=PROBE)
+        yield context
 
 
 @contextmanager
 def open_page(
-    browser: Browser, address: str, *, patience: float = START_UP
+    browser: BrowserContext, address: str, *, patience: float = START_UP
 ) -> Iterator[tuple[Page, list[str]]]:
     """Open a page of a server; also gives the list of all requests that go elsewhere."""
-    context = browser.new_context(viewport=SIZE, service_workers="block")
     elsewhere: list[str] = []
 
     def look(request) -> None:
@@ -174,9 +175,8 @@ def open_page(
         if where.scheme not in ("data", "blob") and where.hostname != "127.0.0.1":
             elsewhere.append(request.url)
 
-    context.on("request", look)
-    context.add_init_script(path=PROBE)
-    page = context.new_page()
+    page = browser.new_page()
+    page.on("request", look)
     try:
         page.goto(address, timeout=1e3 * patience)
         yield page, elsewhere
@@ -184,7 +184,7 @@ def open_page(
         page.screenshot(path=ARTEFACTS / "failure.png")
         raise
     finally:
-        context.close()
+        page.close()
 
 
 def photograph(page: Page, stem: str, *, most: int = 99) -> int:

@@ -5,14 +5,16 @@ Works in any page that shows ipywidgets: JupyterLab and Voila.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, field
 
-from playwright.sync_api import Locator, Page
+from playwright.sync_api import ElementHandle, Locator, Page
 
 PANEL = ".jp-OutputArea-output:has(> .jupyter-widgets, > * > .jupyter-widgets)"
-PLAYING = 1_500
-"""How long a play button is left on [ms]."""
+PLAYING = 1.0
+"""How long a play button is left on [s]."""
+RESET = "button.widget-button:text-is('reset')"
 QUIET = 120
 """A panel that has not changed for so long is done [ms]."""
 _PIXELS = "panel => probe.pixels(panel)"
@@ -80,75 +82,88 @@ def exercise(panel: Locator, *, patience: int) -> Report:
     panel.scroll_into_view_if_needed()
     report = Report(panel.locator("img, canvas").count())
     while todo := [item for item in _controls(panel) if item[0] not in report.names()]:
-        name, move = todo[0]
-        pixels, words = panel.evaluate(_PIXELS), _words(panel)
-        panel.evaluate("panel => probe.watch(panel)")
-        move()
-        ms = panel.evaluate("(panel, patience) => probe.awaited(patience)", patience)
-        panel.evaluate("(panel, quiet) => probe.steady(panel, quiet)", QUIET)
-        changed = panel.evaluate(_PIXELS) != pixels
-        report.moves.append(Move(name, ms and round(ms), changed, _words(panel) != words))
+        for name, part, move in todo:
+            if part.is_visible() and part.is_enabled():
+                report.moves.append(_watched(panel, name, part, move, patience))
+    for button in _seen(panel, RESET):
+        report.moves.append(_watched(panel, "button reset", button, _press, patience))
     return report
 
 
-def _controls(panel: Locator) -> Iterator[tuple[str, Callable[[], None]]]:
-    """Yield the kind and name of each control that can be moved now, and what moves it."""
-    for slider in _seen(panel, ".widget-slider:has(.noUi-handle)"):
-        handle = slider.locator(".noUi-handle").first
-        yield f"slider {_name(slider)}", lambda handle=handle: _step(handle)
-    for choice in _seen(panel, ".widget-dropdown:has(select:enabled)"):
-        yield f"choice {_name(choice)}", lambda choice=choice: _next(choice.locator("select"))
-    for box in _seen(panel, "input[type=checkbox]:enabled"):
-        name = box.locator("xpath=..").inner_text().strip()
-        yield f"box {name}", lambda box=box: box.press("Space")
-    for toggle in _seen(panel, "button.widget-toggle-button:enabled:not(.mod-active)"):
-        yield f"toggle {toggle.inner_text().strip()}", lambda toggle=toggle: toggle.press("Enter")
-    for title in _seen(panel, ".jupyter-widget-Collapse-header"):
-        yield f"fold {title.inner_text().strip()}", lambda title=title: title.click()
-    buttons = _seen(panel, "button.widget-button:enabled")
-    for button in sorted(buttons, key=lambda button: _label(button) == "reset"):
-        if _label(button) == "reset":
-            yield from _plays(panel)
-        yield f"button {_label(button)}", lambda button=button: button.press("Enter")
-    yield from _plays(panel)
+def _watched(panel: Locator, name: str, part: ElementHandle, move: Callable, patience: int) -> Move:
+    pixels, words = panel.evaluate(_PIXELS), _words(panel)
+    panel.evaluate("panel => probe.watch(panel)")
+    move(part)
+    ms = panel.evaluate("(panel, patience) => probe.awaited(patience)", patience)
+    panel.evaluate("(panel, quiet) => probe.steady(panel, quiet)", QUIET)
+    changed = panel.evaluate(_PIXELS) != pixels
+    return Move(name, ms and round(ms), changed, _words(panel) != words)
 
 
-def _plays(panel: Locator) -> Iterator[tuple[str, Callable[[], None]]]:
-    for number, play in enumerate(_seen(panel, ".widget-play:has(button:enabled)")):
-        yield f"play {number}", lambda play=play: _play(play)
+def _controls(panel: Locator) -> Iterator[tuple[str, ElementHandle, Callable]]:
+    """Yield kind and name of each control that can be moved now, what to move, and how.
+
+    Toggles come last, since they may hide others.
+    """
+    for part in _seen(panel, ".widget-slider .noUi-handle"):
+        yield f"slider {_label(part)}", part, _step
+    for part in _seen(panel, ".widget-dropdown select:enabled"):
+        yield f"choice {_label(part)}", part, _next
+    for part in _seen(panel, "input[type=checkbox]:enabled"):
+        yield f"box {_own(part)}", part, _tick
+    for part in _seen(panel, ".jupyter-widget-Collapse-header"):
+        yield f"fold {_own(part)}", part, _click
+    for part in _seen(panel, f"button.widget-button:enabled:not({RESET})"):
+        yield f"button {_own(part)}", part, _press
+    for number, part in enumerate(_seen(panel, ".widget-play button:enabled:first-child")):
+        yield f"play {number}", part, _play
+    for part in _seen(panel, "button.widget-toggle-button:enabled:not(.mod-active)"):
+        yield f"toggle {_own(part)}", part, _press
 
 
-def _seen(panel: Locator, selector: str) -> list[Locator]:
-    return [part for part in panel.locator(selector).all() if part.is_visible()]
+def _seen(panel: Locator, selector: str) -> list[ElementHandle]:
+    return [part for part in panel.locator(selector).element_handles() if part.is_visible()]
 
 
-def _step(handle: Locator) -> None:
+def _step(handle: ElementHandle) -> None:
     """Move a slider by one step to the right, or to the left if it stands at its end."""
     at_end = handle.get_attribute("aria-valuenow") == handle.get_attribute("aria-valuemax")
-    handle.focus()
     handle.press("ArrowLeft" if at_end else "ArrowRight")
 
 
-def _next(box: Locator) -> None:
+def _next(choice: ElementHandle) -> None:
     """Choose the next option, or the first after the last."""
-    count, index = box.evaluate("s => [s.options.length, s.selectedIndex]")
-    box.select_option(index=(index + 1) % count)
+    count, index = choice.evaluate("s => [s.options.length, s.selectedIndex]")
+    choice.select_option(index=(index + 1) % count)
 
 
-def _play(play: Locator) -> None:
+def _tick(box: ElementHandle) -> None:
+    box.press("Space")
+
+
+def _press(button: ElementHandle) -> None:
+    button.press("Enter")
+
+
+def _click(part: ElementHandle) -> None:
+    part.click()
+
+
+def _play(button: ElementHandle) -> None:
     """Let it play a moment, then pause."""
-    button = play.locator("button").first
     button.click()
-    play.page.wait_for_timeout(PLAYING)
+    time.sleep(PLAYING)
     button.click()
 
 
-def _label(button: Locator) -> str:
-    return button.inner_text().strip()
+def _label(part: ElementHandle) -> str:
+    """Return the name that stands beside a control."""
+    return str(part.evaluate("e => e.closest('.widget-inline-hbox').firstChild.innerText")).strip()
 
 
-def _name(control: Locator) -> str:
-    return control.locator(".widget-label").first.inner_text().strip()
+def _own(part: ElementHandle) -> str:
+    """Return the text of a control, or of what it stands in."""
+    return str(part.evaluate("e => e.innerText || e.parentElement.innerText")).strip()
 
 
 def _words(panel: Locator) -> list[str]:

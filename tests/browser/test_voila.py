@@ -35,7 +35,7 @@ def test_the_page_shows_widgets_that_answer(name, browser, results, tmp_path):
         lab.open_page(browser, server.url(""), patience=lab.LONGEST_RUN) as (page, elsewhere),
     ):
         wait_for_widgets(page, server.log)
-        reports = [panels.exercise(panel, patience=3_000) for panel in panels.panels(page)]
+        reports = [panels.exercise(panel, patience=2_000) for panel in panels.panels(page)]
         lab.photograph(page, f"{name}-voila")
         complaints = page.locator(COMPLAINTS).all_inner_texts()
         log = server.log.read_text(encoding="utf-8")
