@@ -7,6 +7,7 @@ python tests/browser/table.py
 
 import json
 import re
+import statistics
 import sys
 import xml.etree.ElementTree as ET
 from pathlib import Path
@@ -41,8 +42,8 @@ def row(path: Path, nbval: dict[str, float], lab: dict, voila: dict) -> str:
     cells = sum(c["cell_type"] == "code" for c in json.loads(path.read_text("utf-8"))["cells"])
     entry = lab.get(name, {})
     moves = [move for panel in entry.get("panels", ()) for move in panel["moves"]]
-    times = sorted(m["ms"] for m in moves if m["control"].startswith("slider") and m["ms"])
-    update = f"{times[len(times) // 2]} ({times[-1]})" if times else "-"
+    times = [m["ms"] for m in moves if m["control"].startswith("slider") and m["ms"]]
+    update = f"{statistics.median(times):.0f} ({max(times)})" if times else "-"
     result = entry.get("result", "not run")
     if name in voila:
         result += f"; Voila {voila[name]['result']}"
