@@ -64,10 +64,10 @@ def licence(name: str, package: Distribution) -> str:
     if name in LOOKED_UP:
         return LOOKED_UP[name]
     meta = package.metadata
-    if meta["License-Expression"]:
-        return str(meta["License-Expression"])
+    if meta.get("License-Expression"):
+        return str(meta.get("License-Expression"))
     kinds = [k.split(" :: ")[-1] for k in meta.get_all("Classifier", []) if k.startswith("License")]
-    first = str(meta["License"] or "").strip().split("\n")[0]
+    first = str(meta.get("License") or "").strip().split("\n")[0]
     for text in (*[k for k in kinds if k != "OSI Approved"], first):
         for form, spdx in FORMS.items():
             if re.fullmatch(form, text.strip(), re.IGNORECASE):
