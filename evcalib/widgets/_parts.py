@@ -38,8 +38,7 @@ def slider(
         value=value,
         description=name,
         readout_format=digits,
-        style={"description_width": "95px"},
-        layout={"width": "305px"},
+        **_roomy(),
     )
 
 
@@ -51,9 +50,12 @@ def whole_slider(name: str, low: int, high: int, step: int, value: int) -> widge
         step=step,
         value=value,
         description=name,
-        style={"description_width": "95px"},
-        layout={"width": "305px"},
+        **_roomy(),
     )
+
+
+def _roomy() -> dict[str, Any]:
+    return {"style": {"description_width": "95px"}, "layout": {"width": "305px"}}
 
 
 def player(over: widgets.IntSlider, interval_ms: int) -> widgets.Play:
