@@ -9,6 +9,7 @@ calibrations can be judged, also with models that are wrong on purpose (`Fault`)
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from inspect import signature
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +23,7 @@ from evcalib._keyframes import Counts
 from evcalib._matches import CELL_PX, MAX_STEPS, Matches
 from evcalib._windows import HeadingWindows
 from evcalib.camera import Camera
-from evcalib.heading import REACH
+from evcalib.heading import REACH, estimate_headings
 from evcalib.pipeline import calibrate_estimate
 from evcalib.results import Calibration
 from evcalib.series import VelocitySeries
@@ -32,7 +33,7 @@ Floats = NDArray[np.float64]
 STEPS = 5
 """Longest span of a pair: 0.6 s, where `evcalib.calibrate` has 0.7."""
 
-OPTIONS = {"threshold": 1.5, "min_inliers": 20, "max_sd": 3.0, "enough_sd": 0.2}
+OPTIONS = {name: option.default for name, option in signature(estimate_headings).parameters.items()}
 """The defaults of `evcalib.estimate_headings`."""
 
 GATHERED = 0.06
@@ -115,12 +116,12 @@ class SightingDrive:
     def estimate(self) -> HeadingEstimate:
         """Return headings and correspondences, made as the library makes them of matches."""
         options = FitOptions(
-            solver="two_point",
+            solver=OPTIONS["solver"],
             threshold=OPTIONS["threshold"] / self.camera.focal,
-            min_inliers=int(OPTIONS["min_inliers"]),
+            min_inliers=OPTIONS["min_inliers"],
             max_sd=np.radians(OPTIONS["max_sd"]),
             enough_sd=np.radians(OPTIONS["enough_sd"]),
-            seed=0,
+            seed=OPTIONS["seed"],
         )
         windows: HeadingWindows[_Keyframe]
         windows = HeadingWindows(options, STEPS, 1.0 / RATE, self._match, keep=True)

@@ -28,6 +28,9 @@ STRETCH = 0.5
 PASSES = 40
 """Most passes over the tracks."""
 
+SMALL = 2e-6
+"""Largest of the last steps [rad, s]: far less than what the data can tell."""
+
 FARTHEST = 0.3
 """Largest step [rad, s]."""
 
@@ -195,7 +198,7 @@ def solve(
         change = step(problem, fit, free)
         if change is None:
             return None
-        small = bool(np.abs(change[:3]).max() < 1e-5 and abs(change[OFFSET]) < 1e-4)
+        small = bool(np.abs(change[: OFFSET + 1]).max() < SMALL)
         if k >= 3 and small:
             wanted = float(np.clip(REACH * fit.noise, 0.25 * widest, widest))
             fit.converged = wanted > 0.9 * fit.reach

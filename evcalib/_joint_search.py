@@ -49,6 +49,11 @@ class Search:
 
     def as_good(self, offset: float) -> Floats:
         """Return the candidates that fit as well as that next to `offset` (Vuong 1989)."""
+        more, gate = self._excess(offset)
+        return self.offsets[(more <= gate) & np.isfinite(self.mean)]
+
+    def _excess(self, offset: float) -> tuple[Floats, Floats]:
+        """Return by how much the candidates fit worse than `offset`, and how much noise may do."""
         best = int(np.argmin(np.abs(self.offsets - offset)))
         more = self.losses - self.losses[:, [best]]
         known = np.isfinite(more)
@@ -57,14 +62,29 @@ class Search:
         total = sums.sum(axis=0)
         spread = np.sum((sums - total / len(sums)) ** 2, axis=0)
         # Neighbouring stretches share corners.
-        good = total <= GATE * np.sqrt(2.0 * spread)
-        return self.offsets[good & np.isfinite(self.mean)]
+        return total, GATE * np.sqrt(2.0 * spread)
 
     def half_width(self, offset: float) -> float:
-        """Return how far candidates that fit as well lie from `offset`, either way on average."""
-        good = self.as_good(offset)
-        step = float(self.offsets[1] - self.offsets[0])
-        return 0.5 * max(float(np.ptp(good)) - step, 0.0) if good.size else 0.0
+        """Return how far offsets that fit as well reach from `offset`, either way on average.
+
+        Less a step: how sharp the optimum itself is, the covariance tells better.
+        """
+        more, gate = self._excess(offset)
+        known = np.isfinite(self.mean)
+        best = int(np.argmin(np.abs(self.offsets - offset)))
+        sides = (slice(best, None), slice(best, None, -1))
+        steps = 0.5 * sum(_reach(more[s], gate[s], known[s]) for s in sides)
+        return max(steps - 1.0, 0.0) * float(self.offsets[1] - self.offsets[0])
+
+
+def _reach(more: Floats, gate: Floats, known: NDArray[np.bool_]) -> float:
+    """Return how many candidates from the first on, the best, fit as well, a fraction counted."""
+    last = int(np.flatnonzero((more <= gate) & known)[-1]) if known[0] else 0
+    after = last + 1
+    if after == more.size or not known[after]:
+        return float(last)
+    # The loss grows with the square of the distance, its noise with the distance itself.
+    return float(np.clip(after * gate[after] / more[after], last, after))
 
 
 def search_offsets(
@@ -87,8 +107,7 @@ def search_offsets(
             step(part, fit, free)
         follow(part, fit)
         losses[:, k] = np.where(covered[:, k], fit.losses, np.nan)
-    stretch = ((tracks.start - tracks.start.min()) / STRETCH).astype(np.int64)
-    return Search(offsets, losses, tracks.length.astype(np.float64), stretch)
+    return Search(offsets, losses, tracks.length.astype(np.float64), tracks.stretch(STRETCH))
 
 
 def curve_of(search: Search, found: float, max_offset: float, worst: float) -> OffsetCurve:

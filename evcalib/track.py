@@ -21,6 +21,9 @@ Floats = NDArray[np.float64]
 SMOOTHING = np.array([0.04, 0.06, 0.09, 0.13, 0.2, 0.3, 0.4, 0.6, 0.8])
 """Half widths [s] of the smoothing windows, of which each sample takes the widest without bias."""
 
+BORDER = 1e-6
+"""Samples this far [s] beyond the border of a window are inside: times round, as clocks do."""
+
 SMOOTHING_GATE = 2.5
 """Standard deviations within which the estimates of two windows agree."""
 
@@ -133,7 +136,7 @@ def velocity_track(
     still = STILL * top if min_speed is None else _check.at_least_zero(min_speed, "min_speed")
     segment = np.concatenate([[0], np.cumsum(np.diff(t) > gap)])
     noise = white_noise(v, segment)
-    smoothed = kernel.smooth(t, v, segment, SMOOTHING, noise, SMOOTHING_GATE) if smooth else v
+    smoothed = _parabolas(t, v, segment, noise) if smooth else v
     return VelocityTrack(
         t,
         smoothed,
@@ -157,9 +160,16 @@ def smoothed(track: VelocityTrack, values: Floats, widest: float = np.inf) -> Fl
         return values
     columns = np.zeros((len(values), 3))
     columns[:, : values.shape[1]] = values
-    noise, windows = white_noise(columns, track.segment), SMOOTHING[SMOOTHING <= widest]
-    out = kernel.smooth(track.t, columns, track.segment, windows, noise, SMOOTHING_GATE)
-    return np.asarray(out[:, : values.shape[1]])
+    noise = white_noise(columns, track.segment)
+    return _parabolas(track.t, columns, track.segment, noise, widest)[:, : values.shape[1]]
+
+
+def _parabolas(
+    t: Floats, v: Floats, segment: NDArray[np.int64], noise: Floats, widest: float = np.inf
+) -> Floats:
+    """Return three columns smoothed, over windows of half widths up to `widest` [s]."""
+    windows = SMOOTHING[SMOOTHING <= widest] + BORDER
+    return np.asarray(kernel.smooth(t, v, segment, windows, noise, SMOOTHING_GATE))
 
 
 def _top_speed(speed: Floats) -> float:

@@ -45,9 +45,7 @@ class Tracks:
     @property
     def group(self) -> NDArray[np.int64]:
         """Number of the stretch of time that each starts in, from 0, shape (k,)."""
-        if not len(self):
-            return np.empty(0, dtype=np.int64)
-        return np.asarray((self.start - self.start[0]) / STRETCH, dtype=np.int64)
+        return self.stretch(STRETCH)
 
     @property
     def length(self) -> NDArray[np.int64]:
@@ -63,6 +61,14 @@ class Tracks:
     def end(self) -> Floats:
         """Last time of each [s], shape (k,)."""
         return np.maximum.reduceat(self.t2, self.first[:-1]) if len(self) else np.empty(0)
+
+    def stretch(self, width: float) -> NDArray[np.int64]:
+        """Return the number of the stretch of `width` [s] that each starts in, shape (k,).
+
+        Counted in whole microseconds, so that rounding moves no track across a border.
+        """
+        since = np.rint(1e6 * (self.start - self.start[:1].sum())).astype(np.int64)
+        return since // round(1e6 * width)
 
     def select(self, chosen: NDArray[np.bool_]) -> Tracks:
         """Return some of the tracks, by a mask."""

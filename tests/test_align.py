@@ -403,7 +403,7 @@ def test_exact_headings_agree():
     assert rotation_angle(found.R_body_cam, streams.R_body_cam) < np.radians(0.02)
 
 
-@pytest.mark.parametrize("sigma", [0.005, 0.01, 0.02])
+@pytest.mark.parametrize("sigma", [0.0075, 0.01, 0.02])
 def test_precise_headings_on_instant_turns_determine_the_offset(sigma):
     """The few headings next to the turns are outliers at most offsets nearby, which is no alias."""
     streams = motion.simulate(

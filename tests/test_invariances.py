@@ -29,7 +29,7 @@ CAMERA = Camera(240, 180, 150.0, 150.0, 119.5, 89.5)
 OFFSET = 0.15
 
 turns = st.builds(lambda *xyz: Rotation.from_rotvec(xyz).as_matrix(), *(3 * [st.floats(-1.7, 1.7)]))
-few = settings(deadline=None, max_examples=2, derandomize=True)
+few = settings(deadline=None, max_examples=4)
 
 
 def made(noise, false, odometry):
@@ -113,26 +113,26 @@ def test_shifting_the_cameras_clock_shifts_the_offset(noisy, shift):
     estimate, velocities, found = noisy
     later = delayed(estimate, shift)
     other = solved(later, velocities)
-    same(replace(other, offset=other.offset + shift), found, time=1e-4, turn=1e-4)
+    same(replace(other, offset=other.offset + shift), found)
 
 
 @few
-@given(start=st.floats(0.0, 1e5))
+@given(start=st.floats(0.0, 2e9))
 def test_shifting_both_clocks_shifts_nothing(noisy, start):
     estimate, velocities, found = noisy
     later = delayed(estimate, start)
-    same(solved(later, replace(velocities, t=velocities.t + start)), found, time=1e-4, turn=1e-4)
+    same(solved(later, replace(velocities, t=velocities.t + start)), found, time=1e-6)
 
 
 @few
 @given(scale=st.floats(0.02, 50.0))
 def test_the_scale_of_speeds_changes_nothing(noisy, scale):
     estimate, velocities, found = noisy
-    same(solved(estimate, replace(velocities, v=scale * velocities.v)), found, time=1e-4, turn=1e-4)
+    same(solved(estimate, replace(velocities, v=scale * velocities.v)), found)
 
 
 def test_backwards_in_time_the_offset_has_the_other_sign_and_the_rotation_is_the_same():
-    """All headings and velocities turn round; exact, as anchors are other sightings then."""
+    """All headings and velocities turn round; nearly, as anchors are other sightings then."""
     drive = made(0.0, 0.0, 0.0)
     estimate, velocities = drive.estimate(), drive.velocities
     h, c = estimate.headings, estimate.correspondences
@@ -152,7 +152,7 @@ def test_backwards_in_time_the_offset_has_the_other_sign_and_the_rotation_is_the
     backwards = VelocitySeries(-velocities.t[::-1], -velocities.v[::-1], -velocities.yaw_rate[::-1])
     found, other = solved(estimate, velocities), solved(back, backwards)
     assert other.offset == pytest.approx(-found.offset, abs=2e-4)
-    assert rotation_angle(other.R_body_cam, found.R_body_cam) < 2e-4
+    assert rotation_angle(other.R_body_cam, found.R_body_cam) < 5e-4
 
 
 @few
