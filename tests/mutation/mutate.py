@@ -5,7 +5,8 @@
 A mutant is one change of one module (an operator, a comparison, a sign, a number, a condition).
 Mutants are drawn from all possible ones of `MODULES`; for each, the module's tests run on a copy of
 the project, in a process forked from one that has the libraries loaded.  A mutant is killed if a
-test fails, crashes, or takes more than `CPU_SECONDS`.  Survivors are printed and stored in
+test fails, crashes, or takes more than `CPU_SECONDS`.  Those that are left meet `LAST`, which knows
+only that results are what they were: the score tells both.  Survivors are printed and stored in
 ``tests/mutation/survivors.txt``, the score in ``tests/mutation/score.csv``.
 """
 
@@ -54,6 +55,8 @@ MODULES = {
     "evcalib/kernels/sighting.py": ("test_joint",),
 }
 """The back end, and the tests that answer for each of its modules."""
+
+LAST = ("test_unchanged",)
 
 SWAPS: dict[type, str] = {
     ast.Add: "-",
@@ -222,8 +225,8 @@ def mutants_of(module: str) -> list[Mutant]:
     return found
 
 
-def survives(mutant: Mutant | None, copy: Path, tests: tuple[str, ...]) -> bool:
-    """Run the tests on the copy with the mutant in it; None for the code as it is."""
+def survives(copy: Path, tests: tuple[str, ...]) -> bool:
+    """Tell whether the tests pass on the copy as it is."""
     process = os.fork()
     if process == 0:
         os.setsid()
@@ -242,14 +245,16 @@ def survives(mutant: Mutant | None, copy: Path, tests: tuple[str, ...]) -> bool:
     return os.waitstatus_to_exitcode(status) == 0
 
 
-def tried(mutant: Mutant, copy: Path) -> bool:
-    """Put the mutant in, run its tests, and take it out again; return whether it survives."""
+def tried(mutant: Mutant, copy: Path) -> str:
+    """Put the mutant in, run its tests, and take it out again; return what became of it."""
     place = copy / mutant.module
     source = place.read_bytes()
     try:
         place.write_bytes(mutant.applied(source))
         _forget_kernels(copy, mutant.module)
-        return survives(mutant, copy, MODULES[mutant.module])
+        if not survives(copy, MODULES[mutant.module]):
+            return "killed"
+        return "survived" if survives(copy, LAST) else "seen as a change"
     finally:
         place.write_bytes(source)
         _forget_kernels(copy, mutant.module)
@@ -276,7 +281,7 @@ def main() -> None:
     count = min(options.mutants, len(every))
     drawn = [every[k] for k in np.sort(rng.choice(len(every), count, replace=False))]
     print(f"{len(every)} possible mutants, {count} drawn", flush=True)
-    started, killed, alive = time.monotonic(), Counter[str](), list[str]()
+    started, fates, alive = time.monotonic(), Counter[tuple[str, str]](), list[str]()
     with tempfile.TemporaryDirectory() as folder:
         copy = Path(folder) / "project"
         ignored = shutil.ignore_patterns("__pycache__", "*.ipynb", ".git", ".venv*", ".artefacts")
@@ -284,16 +289,21 @@ def main() -> None:
         if (ROOT.parent / "shared").exists():
             (Path(folder) / "shared").symlink_to(ROOT.parent / "shared")
         _preload()
-        for tests in sorted({MODULES[m.module] for m in drawn}):
-            if not survives(None, copy, tests):
+        for tests in sorted({LAST} | {MODULES[m.module] for m in drawn}):
+            if not survives(copy, tests):
                 raise SystemExit(f"the tests {tests} fail on the code as it is")
         for mutant in drawn:
-            if tried(mutant, copy):
-                alive.append(mutant.words((ROOT / mutant.module).read_bytes()))
-                print("survived", alive[-1], flush=True)
-            else:
-                killed[mutant.module] += 1
-    _store(drawn, killed, alive, time.monotonic() - started, options.seed)
+            fate, words = tried(mutant, copy), mutant.words((ROOT / mutant.module).read_bytes())
+            fates[mutant.module, fate] += 1
+            print(f"{fate}: {words}", flush=True)
+            if fate == "survived":
+                alive.append(words)
+    _store(fates, alive)
+    killed, changed = (sum(fates[m, f] for m in MODULES) for f in ("killed", "seen as a change"))
+    print(
+        f"of {count}: {killed / count:.1%} killed, with those seen as a change"
+        f" {(killed + changed) / count:.1%} ({time.monotonic() - started:.0f} s)"
+    )
 
 
 def _preload() -> None:
@@ -306,14 +316,13 @@ def _preload() -> None:
     import scipy.stats  # noqa: F401
 
 
-def _store(drawn, killed, alive, seconds, seed) -> None:
-    total = Counter(m.module for m in drawn)
-    rows = [f"{name},{total[name]},{killed[name]}" for name in MODULES if total[name]]
-    score = sum(killed.values()) / len(drawn)
-    rows.append(f"all,{len(drawn)},{sum(killed.values())}")
-    (HERE / "score.csv").write_text("module,mutants,killed\n" + "\n".join(rows) + "\n")
-    (HERE / "survivors.txt").write_text("\n".join(alive) + "\n")
-    print(f"killed {score:.1%} of {len(drawn)} (seed {seed}, {seconds:.0f} s)")
+def _store(fates: Counter[tuple[str, str]], alive: list[str]) -> None:
+    names = ("killed", "seen as a change", "survived")
+    tried = [module for module in MODULES if any(fates[module, name] for name in names)]
+    rows = [["module", *names]]
+    rows += [[module, *(str(fates[module, name]) for name in names)] for module in tried]
+    (HERE / "score.csv").write_text("".join(",".join(row) + "\n" for row in rows))
+    (HERE / "survivors.txt").write_text("".join(line + "\n" for line in alive))
 
 
 if __name__ == "__main__":
