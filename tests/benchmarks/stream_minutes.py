@@ -4,6 +4,9 @@
 another process and streams it again and again, with times that go on, from a memory-mapped file.
 It prints a line of JSON for each number of minutes.  The camera jumps back at the end of each
 repetition, which spoils a few headings; the odometry is repeated likewise.
+
+``--size hd --minutes 0.2 --bursts 50`` adds a light that flickers: in a tenth of each second, so
+many million events per second all over a sensor of 1280x720.
 """
 
 import argparse
@@ -12,6 +15,7 @@ import multiprocessing
 import resource
 import tempfile
 import time
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +25,7 @@ from evcalib import Camera, Events, VelocitySeries, calibrate
 from evcalib.geometry import rotation_angle
 
 SIZES = {
+    "hd": (Camera(1280, 720, 900.0, 900.0, 639.5, 359.5), 4.0),
     "large": (Camera(346, 260, 250.0, 250.0, 172.5, 129.5), 8.0),
     "small": (Camera(96, 72, 80.0, 80.0, 47.5, 35.5), 5.0),
 }
@@ -51,6 +56,23 @@ def repeated(folder: Path, camera: Camera, period_us: int, end_us: int):
             yield Events.from_arrays(x[rows], y[rows], t[rows] + start, p[rows], *size)
 
 
+def flickering(parts: Iterable[Events], rate: float, rng: np.random.Generator):
+    """Yield events with bursts of `rate` [events/s] in the first tenth of every second."""
+    before = 0
+    for part in parts:
+        last = int(part.t[-1])
+        burst = np.arange(before, last, 1e6 / rate).astype(np.int64) if rate else np.empty(0, int)
+        burst = burst[burst % 1_000_000 < 100_000]
+        before = last
+        if not burst.size:
+            yield part
+            continue
+        low = rng.integers(0, [[part.width], [part.height], [2]], (3, burst.size))
+        x, y, p = (np.append(a, b) for a, b in zip((part.x, part.y, part.p), low, strict=True))
+        order = np.argsort(t := np.append(part.t, burst), kind="stable")
+        yield Events.from_arrays(x[order], y[order], t[order], p[order], part.width, part.height)
+
+
 def velocities_of(drive: RecordedDrive, seconds: float) -> VelocitySeries:
     """Return the odometry over so long, repeated as the events are."""
     t = np.arange(0.0, seconds, 0.02)
@@ -62,7 +84,7 @@ def peak() -> float:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
-def run(size: str, seconds: float, folder: Path) -> dict:
+def run(size: str, seconds: float, folder: Path, bursts: float) -> dict:
     """Stream and calibrate; return what it took."""
     drive, camera = drive_of(size), SIZES[size][0]
     period = round(1e6 * drive.drive.duration)
@@ -70,7 +92,8 @@ def run(size: str, seconds: float, folder: Path) -> dict:
 
     def counted():
         nonlocal count
-        for part in repeated(folder, camera, period, round(1e6 * seconds)):
+        pieces = repeated(folder, camera, period, round(1e6 * seconds))
+        for part in flickering(pieces, bursts, np.random.default_rng(1)):
             count += len(part)
             yield part
 
@@ -106,6 +129,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--minutes", type=float, nargs="+", default=[10.0])
     parser.add_argument("--size", choices=tuple(SIZES), default="large")
+    parser.add_argument("--bursts", type=float, default=0.0, help="million events per second")
     parser.add_argument("--events", type=Path, help="folder with x.npy ... of an earlier run")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as temporary:
@@ -118,7 +142,10 @@ def main() -> None:
             process.start()
             process.join()
         for minutes in options.minutes:
-            print(json.dumps(run(options.size, 60 * minutes, folder)), flush=True)
+            print(
+                json.dumps(run(options.size, 60 * minutes, folder, 1e6 * options.bursts)),
+                flush=True,
+            )
 
 
 if __name__ == "__main__":
