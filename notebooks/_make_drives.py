@@ -6,7 +6,7 @@
 
 A drive is four files, as a user has them: events.h5, calib.txt, wheels.csv, vehicle.yaml; and the
 truth, as a calibration.  The camera is small, so that the files are.  ``FOLDER`` holds what
-``evcalib study recorded --trials 2 --seed 7 -o FOLDER`` left.
+``evcalib study recorded --trials 10 --seed 1 -o FOLDER`` left.
 """
 
 from __future__ import annotations
