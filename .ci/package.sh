@@ -11,7 +11,7 @@ cd "$(dirname "$0")/.."
 root=$PWD work=$PWD/.artefacts/package
 export PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_ROOT_USER_ACTION=ignore PIP_QUIET=1
 core="align camera cli corners epipolar event_image events events_text export features formats_aedat4 formats_hdf5
-    formats_prophesee formats_tables geometry heading joint kinematics lab offset rotation surfaces track two_views"
+    formats_prophesee formats_tables geometry heading joint kinematics lab offset rotation surfaces track two_views unchanged"
 
 started=$SECONDS
 note() { printf -- '-- %s (%d s)\n' "$1" $((SECONDS - started)); }

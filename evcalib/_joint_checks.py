@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from evcalib._joint_fit import OFFSET, SPIN, Fit, Problem, Reduced, long_run, slope_of_loss, solve
+from evcalib._times import bins
 
 Floats = NDArray[np.float64]
 
@@ -88,7 +89,7 @@ def turning(problem: Problem, fit: Fit) -> float:
     np.add.at(scores, problem.group, fit.scores[:, SPIN])
     # What each group says by itself, the prior left out.
     alone = information * fit.spin - scores
-    block = (_times(problem, fit) / TURNS).astype(np.int64)
+    block = bins(_times(problem, fit), TURNS)
     total = np.bincount(block, information)
     rate = np.bincount(block, alone) / np.maximum(total, 1e-300)
     known = total > 0.2 * np.median(total[total > 0]) if (total > 0).any() else total > 0

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from evcalib._times import bins
 from evcalib.geometry import rotation_vector_to_matrix
 from evcalib.kernels import joint as kernel
 from evcalib.tracks import Tracks
@@ -25,11 +26,11 @@ for most of a second, and so does the error of the odometry's integral."""
 STRETCH = 0.5
 """A stretch of so much time [s] counts where any track starts in it."""
 
-PASSES = 40
+PASSES = 100
 """Most passes over the tracks."""
 
-SMALL = 2e-6
-"""Largest of the last steps [rad, s]: far less than what the data can tell."""
+SMALL = 5e-6
+"""Largest of the last steps [rad, s]: a hundredth of what the data can tell."""
 
 FARTHEST = 0.3
 """Largest step [rad, s]."""
@@ -230,7 +231,7 @@ def long_run(problem: Problem, fit: Fit, scores: Floats) -> tuple[Floats, float]
     start = problem.tracks.start
     place = np.zeros(fit.spin.size)
     place[problem.group] = start - start[0]
-    row = (place / BIN).astype(np.int64)
+    row = bins(place, BIN)
     sums = np.zeros((int(row.max()) + 1, scores.shape[1]))
     np.add.at(sums, row, scores)
     scatter = sums.T @ sums
@@ -238,7 +239,7 @@ def long_run(problem: Problem, fit: Fit, scores: Floats) -> tuple[Floats, float]
     for lag in range(1, min(width, len(sums))):
         across = sums[lag:].T @ sums[:-lag]
         scatter += (1.0 - lag / width) * (across + across.T)
-    told = np.unique((place[problem.group] / STRETCH).astype(np.int64)).size * STRETCH
+    told = np.unique(bins(place[problem.group], STRETCH)).size * STRETCH
     return scatter, max(told / MEMORY, 1.0)
 
 

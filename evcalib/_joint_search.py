@@ -67,24 +67,33 @@ class Search:
     def half_width(self, offset: float) -> float:
         """Return how far offsets that fit as well reach from `offset`, either way on average.
 
-        Less a step: how sharp the optimum itself is, the covariance tells better.
+        Less a step: how sharp the optimum itself is, the covariance tells better.  A side on which
+        all fit as well up to the last candidate counts as the other one.
         """
+        sides = self.reach(offset)
+        ended = [side for side in sides if np.isfinite(side)] or [float(self.offsets.size)]
+        return max(float(np.mean(ended)) - 1.0, 0.0) * float(self.offsets[1] - self.offsets[0])
+
+    def reach(self, offset: float) -> tuple[float, float]:
+        """Return up to how many steps later and earlier ones fit as well; inf if no end shows."""
         more, gate = self._excess(offset)
         known = np.isfinite(self.mean)
         best = int(np.argmin(np.abs(self.offsets - offset)))
-        sides = (slice(best, None), slice(best, None, -1))
-        steps = 0.5 * sum(_reach(more[s], gate[s], known[s]) for s in sides)
-        return max(steps - 1.0, 0.0) * float(self.offsets[1] - self.offsets[0])
+        later, earlier = slice(best, None), slice(best, None, -1)
+        return (
+            _reach(more[later], gate[later], known[later]),
+            _reach(more[earlier], gate[earlier], known[earlier]),
+        )
 
 
 def _reach(more: Floats, gate: Floats, known: NDArray[np.bool_]) -> float:
     """Return how many candidates from the first on, the best, fit as well, a fraction counted."""
-    last = int(np.flatnonzero((more <= gate) & known)[-1]) if known[0] else 0
-    after = last + 1
+    good = np.flatnonzero((more <= gate) & known)
+    after = int(good[-1]) + 1 if good.size else more.size
     if after == more.size or not known[after]:
-        return float(last)
+        return np.inf
     # The loss grows with the square of the distance, its noise with the distance itself.
-    return float(np.clip(after * gate[after] / more[after], last, after))
+    return float(np.clip(after * gate[after] / more[after], after - 1, after))
 
 
 def search_offsets(

@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from evcalib._times import bins
 from evcalib.kernels import offset as kernel
 from evcalib.offset import weights
 from evcalib.refinement import RefinedOffset
@@ -45,7 +46,7 @@ def bootstrap(
     reaches = np.array([0.5, reach, reach])
     memory = 4 * noise.memory if noise.share > 0.1 else 0.0
     length = max(0.5, min(memory, float(np.ptp(headings.t)) / 10))
-    block = np.floor((headings.t - headings.t[0]) / length).astype(np.int64)
+    block = bins(headings.t - headings.t[0], length)
     _, block = np.unique(block, return_inverse=True)
     count = int(block.max()) + 1
     errors = np.empty((DRAWS, 4))

@@ -16,7 +16,7 @@ from evcalib import _check
 from evcalib import _joint_checks as checks
 from evcalib._joint_checks import Departure
 from evcalib._joint_fit import Problem, covariance_of, solve
-from evcalib._joint_search import FEWEST, GATE, curve_of, search_offsets
+from evcalib._joint_search import FEWEST, GATE, Search, curve_of, search_offsets
 from evcalib.kernels import track as track_kernel
 from evcalib.offset import OffsetCurve, candidate_offsets
 from evcalib.series import VelocitySeries
@@ -235,9 +235,7 @@ def refine_jointly(
         # Under the final loss, which is far narrower, other answers stand out.
         search = search_offsets(problem, fit.R, grid[::2], fit.reach)
         near = search_offsets(problem, fit.R, np.asarray(fit.offset + NEAR), fit.reach, MOST_NEAR)
-        width = 0.0 if near is None else near.half_width(fit.offset)
-        if search is not None and width > 0.8 * NEAR[-1]:
-            width = max(width, search.half_width(fit.offset))
+        width = _width(near, search, fit.offset)
         sd = max(float(np.sqrt(covariance[3, 3])), 0.5 * width / GATE, jump_floor(track))
         covariance[3, 3] = sd**2 + systematic.time_sd**2
     return JointRefinement(
@@ -261,6 +259,16 @@ def refine_jointly(
         distortion=checks.distortion(problem, fit, free),
         turning=problem.spin_sd,
     )
+
+
+def _width(near: Search | None, wide: Search | None, offset: float) -> float:
+    """Return how far offsets fit as well [s], from the near search, or both if it shows no end."""
+    if near is None:
+        return 0.0
+    width = near.half_width(offset)
+    if wide is None or np.isfinite(near.reach(offset)).all():
+        return width
+    return max(width, wide.half_width(offset))
 
 
 def world_motion(velocities: VelocitySeries, track: VelocityTrack) -> tuple[NDArray, ...]:

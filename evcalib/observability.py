@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from evcalib._times import bins
 from evcalib.track import VelocityTrack, rebuilt, white_noise
 
 Floats = NDArray[np.float64]
@@ -108,7 +109,7 @@ def speed_test(track: VelocityTrack, start: float, end: float) -> float:
     t, speed = track.t[used], np.linalg.norm(track.raw[used], axis=1)
     if t.size < 2:
         return 0.0
-    block = np.unique(np.floor((t - t[0]) / BLOCK), return_inverse=True)[1]
+    block = np.unique(bins(t - t[0], BLOCK), return_inverse=True)[1]
     count = np.bincount(block)
     full = count >= 0.8 * np.median(count)
     if full.sum() < 3:
@@ -188,7 +189,7 @@ def _block_means(
     if not used.any():
         return np.empty(0), np.empty((0, 3)), np.empty(0, dtype=np.int64), 0.0
     t, v, segment = track.t[used], track.raw[used], track.segment[used]
-    block = np.floor((t - t[0]) / BLOCK).astype(np.int64)
+    block = bins(t - t[0], BLOCK)
     first = np.flatnonzero(np.r_[True, (np.diff(block) > 0) | (np.diff(segment) > 0)])
     count = np.diff(np.r_[first, t.size])
     total = np.add.reduceat(v, first, axis=0)

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evcalib import _check
+from evcalib._times import BORDER
 from evcalib.errors import InputError
 from evcalib.kernels import track as kernel
 from evcalib.series import HeadingSeries, VelocitySeries
@@ -20,9 +21,6 @@ Floats = NDArray[np.float64]
 
 SMOOTHING = np.array([0.04, 0.06, 0.09, 0.13, 0.2, 0.3, 0.4, 0.6, 0.8])
 """Half widths [s] of the smoothing windows, of which each sample takes the widest without bias."""
-
-BORDER = 1e-6
-"""Samples this far [s] beyond the border of a window are inside: times round, as clocks do."""
 
 SMOOTHING_GATE = 2.5
 """Standard deviations within which the estimates of two windows agree."""
@@ -134,7 +132,7 @@ def velocity_track(
     gap = 5 * float(np.median(np.diff(t))) if max_gap is None else max_gap
     _check.positive(gap, "max_gap", "seconds")
     still = STILL * top if min_speed is None else _check.at_least_zero(min_speed, "min_speed")
-    segment = np.concatenate([[0], np.cumsum(np.diff(t) > gap)])
+    segment = np.concatenate([[0], np.cumsum(np.diff(t) > gap + BORDER)])
     noise = white_noise(v, segment)
     smoothed = _parabolas(t, v, segment, noise) if smooth else v
     return VelocityTrack(

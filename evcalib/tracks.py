@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evcalib._correspondences import Correspondences
+from evcalib._times import bins
 
 Floats = NDArray[np.float64]
 
@@ -63,12 +64,8 @@ class Tracks:
         return np.maximum.reduceat(self.t2, self.first[:-1]) if len(self) else np.empty(0)
 
     def stretch(self, width: float) -> NDArray[np.int64]:
-        """Return the number of the stretch of `width` [s] that each starts in, shape (k,).
-
-        Counted in whole microseconds, so that rounding moves no track across a border.
-        """
-        since = np.rint(1e6 * (self.start - self.start[:1].sum())).astype(np.int64)
-        return since // round(1e6 * width)
+        """Return the number of the stretch of `width` [s] that each starts in, shape (k,)."""
+        return bins(self.start - self.start[:1].sum(), width)
 
     def select(self, chosen: NDArray[np.bool_]) -> Tracks:
         """Return some of the tracks, by a mask."""

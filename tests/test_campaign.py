@@ -1,6 +1,5 @@
 """The campaign: sightings against closed forms, errors of the model that are told, the study."""
 
-import inspect
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -15,7 +14,6 @@ from data_tools.studies import Study, campaign, run_study
 from data_tools.studies import _campaign_draws as draws
 from evcalib.camera import Camera
 from evcalib.geometry import LOOKS_FORWARD, random_rotation, rotation_angle
-from evcalib.heading import estimate_headings
 
 CAMERA = Camera(240, 180, 150.0, 150.0, 119.5, 89.5)
 EXACT = Corners(noise=0.0)
@@ -107,12 +105,6 @@ def test_gaps_are_kept_free():
     made = seen(straight(8.0), corners=replace(EXACT, gaps=((2.0, 3.0),)))
     assert not ((made.sightings.t > 2.0) & (made.sightings.t < 3.0)).any()
     assert made.sightings.t.size > 40
-
-
-def test_headings_are_made_with_the_defaults_of_the_library():
-    defaults = inspect.signature(estimate_headings).parameters
-    for name, value in sighting_drives.OPTIONS.items():
-        assert defaults[name].default == value
 
 
 # Errors of the model ----------------------------------------------------------------------------

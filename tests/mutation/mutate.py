@@ -276,6 +276,8 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--only", nargs="+", choices=tuple(MODULES), help="these modules")
     options = parser.parse_args()
+    # A mutant may have the size and the second of the one before: no bytes of that one.
+    sys.dont_write_bytecode = True
     every = [m for module in options.only or MODULES for m in mutants_of(module)]
     rng = np.random.default_rng(options.seed)
     count = min(options.mutants, len(every))
