@@ -1,5 +1,7 @@
 """Registration of directions: against SciPy, plain twins, exact answers and a table of medians."""
 
+from itertools import pairwise
+
 import montecarlo
 import naive_backend as naive
 import numpy as np
@@ -7,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
-from scipy.integrate import trapezoid
+from scipy.integrate import quad, trapezoid
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
@@ -327,3 +329,27 @@ def test_two_pairs_are_enough():
     for method in METHODS[:-1]:
         found = estimate_rotation(e, d, method=method).R_body_cam
         assert rotation_angle(found, expected) < 1e-9
+
+
+@pytest.mark.parametrize("sigma", [0.03, 0.3, 1.0])
+@pytest.mark.parametrize(
+    "shares", [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0), (0.6, 0.1, 0.3)]
+)
+def test_evidence_is_that_of_a_density_over_the_sphere(sigma, shares):
+    """Misfits 1 - cos are uniform over [0, 2] where directions are: densities integrate to 1."""
+    mixture = Mixture(sigma, *shares)
+    one = np.ones(1)
+
+    def density(u):
+        return 0.5 * np.exp(mixture.evidence(np.array([u]), one))
+
+    # Nearly all of the mass lies at both ends.
+    ends = [0.0, *(k * sigma**2 for k in (1, 5, 20) if k * sigma**2 < 0.9)]
+    knots = np.unique([*ends, *(2 - np.array(ends)), 1.0])
+    total = sum(quad(density, a, b)[0] for a, b in pairwise(knots))
+    assert total == pytest.approx(1.0, rel=1e-6)
+
+
+def test_evidence_of_outliers_alone_is_none():
+    u, weight = np.linspace(0.0, 2.0, 9), np.linspace(1.0, 3.0, 9)
+    assert Mixture(0.1, 0.0, 0.0, 1.0).evidence(u, weight) == pytest.approx(0.0, abs=1e-12)
