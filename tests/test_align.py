@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from data_tools import motion
 from data_tools.series_files import read_paired_streams
 from evcalib import HeadingSeries, InputError, VelocitySeries, align
+from evcalib.calibration import one_answer
 from evcalib.geometry import random_rotation, rotation_angle, rotation_vector_to_matrix, unit
 
 FORWARD_CAMERA = np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])
@@ -416,3 +417,26 @@ def test_precise_headings_on_instant_turns_determine_the_offset(sigma):
     found = align(streams.headings, streams.velocities)
     assert found.offset_observable
     assert found.offset_interval[0] < 0.2 < found.offset_interval[1]
+
+
+@pytest.mark.parametrize(("given", "told"), [(0.0, True), (0.2, False), (0.4, True)])
+def test_a_given_offset_that_the_motion_contradicts_is_told(given, told):
+    streams = motion.simulate(motion.s_curve(20.0), np.random.default_rng(1), offset=0.2)
+    found = align(streams.headings, streams.velocities, offset=given)
+    assert found.offset == pytest.approx(0.2, abs=1e-3)
+    assert ("that was given is not used" in str(found.verdict)) == told
+
+
+@pytest.mark.parametrize(
+    ("plausible", "one"),
+    [
+        ([], True),
+        ([-0.08, 0.08], True),
+        ([0.0625, 0.125, 0.1875, 0.2], True),
+        ([0.0625, 0.125, 0.1875, 0.25], False),  # as far as the widest
+        ([-0.0625, -0.125, -0.1875, -0.3], False),
+        ([0.2], False),  # a hole in between
+    ],
+)
+def test_one_answer_lies_around_the_best_offset_without_holes(plausible, one):
+    assert one_answer(np.array(plausible), 0.0, 0.25) == one

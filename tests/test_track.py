@@ -247,6 +247,14 @@ def test_jumps_and_gaps_do_not_count_as_noise(lag):
     assert white_noise(v, segment, lag) == pytest.approx(0.1, rel=0.15)
 
 
+@pytest.mark.parametrize("count", [0, 1, 11, 12])
+def test_fewer_than_eight_differences_tell_no_noise(count):
+    v = np.random.default_rng(0).standard_normal((count, 2))
+    noise = white_noise(v, np.zeros(count, dtype=np.int64))
+    assert noise.shape == (2,)
+    assert (noise > 0).all() == (count == 12)
+
+
 def test_a_parabola_has_no_noise():
     t = np.arange(0, 1, 0.01)
     v = np.stack([t, t**2, 1 - t**2], axis=1)
