@@ -1,6 +1,7 @@
 """The mutation score of the back end: how many small faults in the code the tests notice.
 
     python tests/mutation/mutate.py --mutants 200 --seed 1
+    python tests/mutation/mutate.py --again               # the survivors only; stores nothing
 
 A mutant is one change of one module (an operator, a comparison, a sign, a number, a condition).
 Mutants are drawn from all possible ones of `MODULES`; for each, the module's tests run on a copy of
@@ -274,13 +275,17 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--mutants", type=int, default=200)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--again", action="store_true", help="those in survivors.txt")
     parser.add_argument("--only", nargs="+", choices=tuple(MODULES), help="these modules")
     options = parser.parse_args()
     # A mutant may have the size and the second of the one before: no bytes of that one.
     sys.dont_write_bytecode = True
     every = [m for module in options.only or MODULES for m in mutants_of(module)]
     rng = np.random.default_rng(options.seed)
-    count = min(options.mutants, len(every))
+    if options.again:
+        left = set((HERE / "survivors.txt").read_text().splitlines())
+        every = [m for m in every if m.words((ROOT / m.module).read_bytes()) in left]
+    count = len(every) if options.again else min(options.mutants, len(every))
     drawn = [every[k] for k in np.sort(rng.choice(len(every), count, replace=False))]
     print(f"{len(every)} possible mutants, {count} drawn", flush=True)
     started, fates, alive = time.monotonic(), Counter[tuple[str, str]](), list[str]()
@@ -300,7 +305,8 @@ def main() -> None:
             print(f"{fate}: {words}", flush=True)
             if fate == "survived":
                 alive.append(words)
-    _store(fates, alive)
+    if not options.again:
+        _store(fates, alive)
     killed, changed = (sum(fates[m, f] for m in MODULES) for f in ("killed", "seen as a change"))
     print(
         f"of {count}: {killed / count:.1%} killed, with those seen as a change"
