@@ -255,6 +255,11 @@ def test_fewer_than_eight_differences_tell_no_noise(count):
     assert (noise > 0).all() == (count == 12)
 
 
+def test_short_segments_tell_no_noise():
+    v = np.random.default_rng(0).standard_normal((40, 2))
+    np.testing.assert_array_equal(white_noise(v, np.arange(40) // 4), np.zeros(2))
+
+
 def test_a_parabola_has_no_noise():
     t = np.arange(0, 1, 0.01)
     v = np.stack([t, t**2, 1 - t**2], axis=1)
