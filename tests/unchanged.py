@@ -1,7 +1,8 @@
 """Results of the back end as they are today, so that no change of a digit goes unnoticed.
 
 ``python tests/unchanged.py`` writes ``tests/unchanged.json`` anew.  Whether the results are right
-is for other tests; these tell that they are the same, for users who compare versions.  A change
+is for other tests; these tell that they are the same, for users who compare versions.  Streams that
+do not agree are left out: what comes of them hangs on the last digits of a library.  A change
 that is meant is written anew, and told in CHANGELOG.md.
 """
 
@@ -90,7 +91,7 @@ CASES: dict[str, Callable[[], Calibration]] = {
     "arc": lambda: aligned(motion.arc(12.0), 9),
     "straight": lambda: aligned(motion.straight(8.0), 10),
     "straight, offset given": lambda: aligned(motion.straight(8.0), 10, offset=0.2),
-    "narrow search": lambda: aligned(motion.s_curve(12.0), 11, max_offset=0.1),
+    "narrow search": lambda: aligned(motion.s_curve(12.0), 11, max_offset=0.25),
     "intervals": with_intervals,
     **{
         f"{offset} and {rotation}": lambda offset=offset, rotation=rotation: aligned(
@@ -100,9 +101,10 @@ CASES: dict[str, Callable[[], Calibration]] = {
             offset_method=offset,
             rotation_method=rotation,
             max_offset=0.4,
+            offset=0.17,
         )
         for offset, rotation in (
-            ("trace", "cca"),
+            ("trace", "tukey"),
             ("canonical", "kabsch"),
             ("scalar", "l1"),
             ("none", "gnc"),
