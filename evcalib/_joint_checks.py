@@ -13,7 +13,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from evcalib._joint_fit import OFFSET, SPIN, Fit, Problem, Reduced, long_run, slope_of_loss, solve
+from evcalib._joint_fit import (
+    OFFSET,
+    SPIN,
+    Fit,
+    Problem,
+    Reduced,
+    group_times,
+    long_run,
+    slope_of_loss,
+    solve,
+)
 from evcalib._times import bins
 
 Floats = NDArray[np.float64]
@@ -57,7 +67,7 @@ def drift(problem: Problem, fit: Fit, free: NDArray[np.bool_]) -> Departure:
     if not free[OFFSET]:
         return NONE
     reduced = Reduced.of(problem, fit)
-    t = _times(problem, fit)
+    t = group_times(problem, fit)
     weight = np.maximum(reduced.parts[:, OFFSET, OFFSET], 0.0)
     if not weight.sum() > 0:
         return NONE
@@ -89,7 +99,7 @@ def turning(problem: Problem, fit: Fit) -> float:
     np.add.at(scores, problem.group, fit.scores[:, SPIN])
     # What each group says by itself, the prior left out.
     alone = information * fit.spin - scores
-    block = bins(_times(problem, fit), TURNS)
+    block = bins(group_times(problem, fit), TURNS)
     total = np.bincount(block, information)
     rate = np.bincount(block, alone) / np.maximum(total, 1e-300)
     known = total > 0.2 * np.median(total[total > 0]) if (total > 0).any() else total > 0
@@ -137,18 +147,10 @@ def without_drift(
     return problem, fit, found
 
 
-def _times(problem: Problem, fit: Fit) -> Floats:
-    """Return the start of each group [s], counted from the first; 0 for empty groups."""
-    start = problem.tracks.start
-    place = np.zeros(fit.spin.size)
-    place[problem.group] = start - start[0]
-    return place
-
-
 def _directions(problem: Problem, fit: Fit) -> Floats:
     """Return the angle of travel in the body frame as each group starts [rad]."""
     t, v, _, _, yaw, _ = problem.motion
-    at = problem.tracks.start[0] + _times(problem, fit) + fit.offset
+    at = problem.tracks.start[0] + group_times(problem, fit) + fit.offset
     x, y, turned = (np.interp(at, t, values) for values in (v[:, 0], v[:, 1], yaw))
     return np.asarray(np.arctan2(y, x) - turned)
 

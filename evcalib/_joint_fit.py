@@ -226,11 +226,17 @@ def covariance_of(problem: Problem, fit: Fit, free: NDArray[np.bool_]) -> tuple[
     return inverse @ scatter @ inverse / (lost * slope_of_loss(fit) ** 2), samples
 
 
-def long_run(problem: Problem, fit: Fit, scores: Floats) -> tuple[Floats, float]:
-    """Return the covariance of the sum of scores (groups, k), and how many stretches add to it."""
+def group_times(problem: Problem, fit: Fit) -> Floats:
+    """Return the start of each group [s], counted from the first; 0 for empty groups."""
     start = problem.tracks.start
     place = np.zeros(fit.spin.size)
     place[problem.group] = start - start[0]
+    return place
+
+
+def long_run(problem: Problem, fit: Fit, scores: Floats) -> tuple[Floats, float]:
+    """Return the covariance of the sum of scores (groups, k), and how many stretches add to it."""
+    place = group_times(problem, fit)
     row = bins(place, BIN)
     sums = np.zeros((int(row.max()) + 1, scores.shape[1]))
     np.add.at(sums, row, scores)

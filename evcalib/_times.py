@@ -9,6 +9,11 @@ BORDER = 1e-6
 """Times this close [s] to a border lie on it."""
 
 
+def segments(t: NDArray[np.float64], gap: float) -> NDArray[np.int64]:
+    """Return the number of the segment between gaps longer than `gap` [s] that each time is in."""
+    return np.concatenate([[0], np.cumsum(np.diff(t) > gap + BORDER)])
+
+
 def bins(since: NDArray[np.float64], width: float) -> NDArray[np.int64]:
     """Return the number of the bin of `width` [s] that each time since a start [s] lies in.
 

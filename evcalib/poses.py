@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
 from evcalib import _check
-from evcalib._times import BORDER
+from evcalib._times import segments
 from evcalib.errors import InputError
 
 Floats = NDArray[np.float64]
@@ -89,7 +89,7 @@ class PoseSeries:
         It is -1 outside the trajectory and in gaps.
         """
         t = np.asarray(t, dtype=np.float64)
-        number = np.concatenate([[0], np.cumsum(np.diff(self.t) > self.gap + BORDER)])
+        number = segments(self.t, self.gap)
         after = np.clip(np.searchsorted(self.t, t), 1, len(self) - 1)
         before = np.where(t == self.t[after], after, after - 1)
         joined = (number[before] == number[after]) | (t == self.t[before])

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evcalib import _check
-from evcalib._times import BORDER
+from evcalib._times import BORDER, segments
 from evcalib.errors import InputError
 from evcalib.kernels import track as kernel
 from evcalib.series import HeadingSeries, VelocitySeries
@@ -132,7 +132,7 @@ def velocity_track(
     gap = 5 * float(np.median(np.diff(t))) if max_gap is None else max_gap
     _check.positive(gap, "max_gap", "seconds")
     still = STILL * top if min_speed is None else _check.at_least_zero(min_speed, "min_speed")
-    segment = np.concatenate([[0], np.cumsum(np.diff(t) > gap + BORDER)])
+    segment = segments(t, gap)
     noise = white_noise(v, segment)
     smoothed = _parabolas(t, v, segment, noise) if smooth else v
     return VelocityTrack(
