@@ -17,7 +17,7 @@ import evcalib
 
 # A package with a list of public names does not show its modules by itself.
 modules = [f"evcalib.{found.name}" for found in pkgutil.iter_modules(evcalib.__path__)]
-wanted = ["evcalib", *modules, "data_tools", "!evcalib.cli", r"!.*\._"]
+wanted = ["evcalib", *modules, "data_tools", "!data_tools.cli", r"!.*\._"]
 
 warnings.simplefilter("error")
 # Types that are imported for the type checker only are shown as they are written.

@@ -9,7 +9,7 @@ import sys
 import zipfile
 from pathlib import Path
 
-NOTEBOOKS = "data_tools/_notebooks/"
+NOTEBOOKS = "data_tools/course/_notebooks/"
 CODE = {".py", ".typed", ".css"}
 
 wheel, source = Path(sys.argv[1]), Path(sys.argv[2])

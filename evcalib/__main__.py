@@ -1,5 +1,5 @@
 """``python -m evcalib`` is the command line."""
 
-from evcalib.cli import main
+from data_tools.cli import main
 
 main()

@@ -67,7 +67,7 @@ class EventImager:
     threshold of intensity.  A pixel that saw the same motion backwards would report each step of
     an edge one threshold earlier: not its last step.  Counting the last event before a change of
     polarity half, the mean of both, takes the lag out, as measured for thresholds of 0.1 to 0.4
-    (`data_tools.lag_study`).
+    (`data_tools.studies.lag`).
 
     Parameters
     ----------

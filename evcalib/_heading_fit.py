@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evcalib._matches import Matches
-from evcalib.epipolar import Translation, five_point, turn_explains, two_point
+from evcalib._translation import Translation
+from evcalib.epipolar import five_point, turn_explains, two_point
 
 Floats = NDArray[np.float64]
 

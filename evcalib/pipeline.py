@@ -10,12 +10,13 @@ from itertools import chain
 from typing import Any
 
 from evcalib import _check
+from evcalib._heading_result import HeadingEstimate
 from evcalib.calibration import align
 from evcalib.camera import Camera
 from evcalib.errors import InputError
 from evcalib.events import Events
 from evcalib.final_stage import finish, keep, offset_observable
-from evcalib.heading import HeadingEstimate, estimate_headings
+from evcalib.heading import estimate_headings
 from evcalib.joint import SYSTEMATIC, Systematic, refine_jointly
 from evcalib.kinematics import BodyVelocities
 from evcalib.results import Calibration

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from evcalib.heading import HeadingEstimate
+from evcalib._heading_result import HeadingEstimate
 from evcalib.kinematics import BodyVelocities
 from evcalib.results import Calibration
 from evcalib.series import VelocitySeries

@@ -34,9 +34,9 @@ import numpy as np
 from IPython.display import Image
 
 import evcalib
-from data_tools.export import export, read_calibration, write_calibration
-from data_tools.headings import open_with_camera
-from data_tools.velocity_sources import read_body_velocities
+from data_tools.logs.velocity_sources import read_body_velocities
+from data_tools.runs.export import export, read_calibration, write_calibration
+from data_tools.runs.headings import open_with_camera
 from evcalib.plots import style
 
 style.use()
@@ -196,7 +196,7 @@ for line in export(stored, "ros-tf").splitlines():
 # what speed, for how long.
 
 # %%
-from data_tools.plans import PLANS
+from data_tools.simulation.drives import PLANS
 from evcalib.design import predict
 from evcalib.series import VelocitySeries
 
@@ -364,9 +364,9 @@ DriveDesigner(PLANS)
 # - [`evcalib.plots.report.report_figures`](../evcalib/plots/report.py) and
 #   [`evcalib.report`](../evcalib/report.py): the pictures, and the page that holds them.
 # - [`evcalib.widgets.designer.DriveDesigner`](../evcalib/widgets/designer.py): the panel above.
-# - [`data_tools.recordings`](../data_tools/recordings.py),
-#   [`data_tools.velocity_sources`](../data_tools/velocity_sources.py) and
-#   [`data_tools.export`](../data_tools/export.py): what can be read and written.
+# - [`data_tools.recordings`](../data_tools/recordings/_recording.py),
+#   [`data_tools.logs.velocity_sources`](../data_tools/logs/velocity_sources.py) and
+#   [`data_tools.runs.export`](../data_tools/runs/export.py): what can be read and written.
 # - On the command line: `evcalib calibrate --help`, `evcalib export --help`, `evcalib info --help`.
 #
 # **Next:** [notebook 1](01_representations.ipynb) starts the chain at its beginning, with what an

@@ -29,13 +29,15 @@
 import matplotlib.pyplot as plt
 import numpy as np
 
-from data_tools.samples import load_sample, slider_depth
+from data_tools.course.samples import load_sample, slider_depth
 from evcalib.corners import arc_star
 from evcalib.events import Events
 from evcalib.plots import style
 from evcalib.plots.events import NAMES, draw_over_speed, draw_rows_of_time, draw_surfaces
 from evcalib.surface_quality import edges, grey, likeness, score_surface, surface_images
-from evcalib.surfaces import time_surface, tos, tos_ts
+from evcalib.surfaces._ordinal import tos
+from evcalib.surfaces._time import time_surface
+from evcalib.surfaces._tos_ts import tos_ts
 
 style.use()
 

@@ -30,11 +30,11 @@
 import matplotlib.pyplot as plt
 import numpy as np
 
-from data_tools.matches import random_matches
-from data_tools.samples import load_sample, slider_depth
-from evcalib import estimate_headings
+from data_tools.course.samples import load_sample, slider_depth
+from data_tools.simulation.point_matches import random_matches
 from evcalib.epipolar import five_point, turn_explains, two_point
 from evcalib.geometry import angle_between, unit
+from evcalib.heading import estimate_headings
 from evcalib.plots import style
 from evcalib.plots.heading import draw_backdrop, draw_heading, draw_matches, draw_offsets
 from evcalib.two_views import Pairs, keypoints_at, matched

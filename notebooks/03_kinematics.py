@@ -35,10 +35,12 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
-from data_tools import motion, vehicles, wheel_logs
+from data_tools.logs import vehicle_files, wheel_logs
+from data_tools.simulation import drives
 from evcalib.errors import InputError
 from evcalib.kinematics import Mecanum, Omni, OmniWheel, Swerve, Wheel, WheelLog, WheelStates
-from evcalib.plots import draw_motion, draw_velocity_log, explain_motion, style
+from evcalib.plots import style
+from evcalib.plots.kinematics import draw_motion, draw_velocity_log, explain_motion
 
 style.use()
 
@@ -270,7 +272,7 @@ except InputError as refusal:
 # %%
 rng = np.random.default_rng(3)
 t = np.arange(0.0, 20.0, 0.02)
-v = motion.s_curve(20.0).velocity(t)[:, :2]
+v = drives.s_curve(20.0).velocity(t)[:, :2]
 yaw_rate = np.where((t >= 8) & (t < 9), 0.8, 0.0)
 clean = swerve.wheel_states(v, yaw_rate)
 states = WheelStates(
@@ -285,7 +287,7 @@ states.speed[(t >= 14) & (t < 15), 1] += 0.3
 
 # %%
 folder = Path(tempfile.mkdtemp())
-vehicles.write_vehicle(folder / "vehicle.yaml", swerve)
+vehicle_files.write_vehicle(folder / "vehicle.yaml", swerve)
 wheel_logs.write_wheel_log(folder / "wheels.csv", WheelLog(t, states), swerve)
 print((folder / "vehicle.yaml").read_text())
 print((folder / "wheels.csv").read_text().splitlines()[0])
@@ -374,7 +376,7 @@ plt.show()
 #    on the wheel, with a slip below 0.02 m/s.) Then press play.
 
 # %%
-from evcalib.widgets import SwervePanel
+from evcalib.widgets.kinematics import SwervePanel
 
 SwervePanel(swerve)
 
@@ -420,8 +422,9 @@ SwervePanel(swerve)
 # - [`evcalib.kinematics`](../evcalib/kinematics/__init__.py): `Swerve`, `Mecanum` and `Omni`
 #   with `twist` and `wheel_states`; `body_velocities` for a whole log, with limits on slip and yaw
 #   rate.
-# - [`data_tools.vehicles`](../data_tools/vehicles.py) and
-#   [`data_tools.wheel_logs`](../data_tools/wheel_logs.py): the two files, read and written.
+# - [`data_tools.logs.vehicle_files`](../data_tools/logs/vehicle_files.py) and
+#   [`data_tools.logs.wheel_logs`](../data_tools/logs/wheel_logs.py): the two files, read and
+#   written.
 # - [`evcalib.plots.kinematics`](../evcalib/plots/kinematics.py) and
 #   [`evcalib.widgets.SwervePanel`](../evcalib/widgets/kinematics.py): the pictures of this
 #   notebook.

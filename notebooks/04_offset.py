@@ -29,8 +29,9 @@
 import matplotlib.pyplot as plt
 import numpy as np
 
-from data_tools.motion import Noise, arc, s_curve, simulate, straight, zigzag
-from evcalib import align
+from data_tools.simulation.drives import arc, s_curve, straight, zigzag
+from data_tools.simulation.streams import Noise, simulate
+from evcalib.calibration import align
 from evcalib.geometry import random_rotation, rotation_angle
 from evcalib.offset import candidate_offsets, find_offset
 from evcalib.plots import style

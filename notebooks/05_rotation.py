@@ -30,8 +30,9 @@ from dataclasses import dataclass
 import matplotlib.pyplot as plt
 import numpy as np
 
-from data_tools.motion import Noise, SyntheticStreams, s_curve, simulate
-from evcalib import align
+from data_tools.simulation.drives import s_curve
+from data_tools.simulation.streams import Noise, SyntheticStreams, simulate
+from evcalib.calibration import align
 from evcalib.geometry import random_rotation, rotation_angle
 from evcalib.plots import style
 from evcalib.plots.rotation import draw_breakdown, draw_losses, draw_map, draw_weights

@@ -31,11 +31,12 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
-from data_tools.export import read_calibration
-from data_tools.headings import open_with_camera
-from data_tools.velocity_sources import read_body_velocities
-from evcalib import align, estimate_headings
+from data_tools.logs.velocity_sources import read_body_velocities
+from data_tools.runs.export import read_calibration
+from data_tools.runs.headings import open_with_camera
+from evcalib.calibration import align
 from evcalib.geometry import angle_between, rotation_angle, unit
+from evcalib.heading import estimate_headings
 from evcalib.plots import style
 
 style.use()
@@ -336,7 +337,7 @@ for name, found in final.items():
 # headings and at the end (`python notebooks/_make_drives.py stages`):
 
 # %%
-from data_tools.csv_table import read_columns
+from data_tools.files.csv_table import read_columns
 
 stages = read_columns("data/stages.csv")
 
@@ -494,8 +495,8 @@ for threshold in (0.1, 0.2, 0.4):
 # ### Does it work?
 #
 # Thirteen simulated drives, each with the three ways to measure displacements, against the
-# simulator's truth (`python -m data_tools.lag_study`). Speeds from 0.25 to 2 m/s, cameras that look
-# ahead, sideways, down and tilted, thresholds from 0.1 to 0.4, and two with noisy pixels.
+# simulator's truth (`python -m data_tools.studies.lag`). Speeds from 0.25 to 2 m/s, cameras that
+# look ahead, sideways, down and tilted, thresholds from 0.1 to 0.4, and two with noisy pixels.
 
 # %%
 lags = read_columns("data/lag.csv")
@@ -641,8 +642,9 @@ Cockpit(recordings)
 #   [`evcalib.final_stage.finish`](../evcalib/final_stage.py).
 # - [`evcalib.kernels.joint`](../evcalib/kernels/joint.py): equation (3), its derivatives, and the
 #   elimination of each corner's own unknowns.
-# - [`data_tools.recorded_drive`](../data_tools/recorded_drive.py) and `evcalib study recorded`: the
-#   drives behind the error bars; [`data_tools.lag_study`](../data_tools/lag_study.py): the lag
+# - [`data_tools.simulation.recorded_drive`](../data_tools/simulation/recorded_drive.py) and
+#   `evcalib study recorded`: the drives behind the error bars;
+#   [`data_tools.studies.lag`](../data_tools/studies/lag.py): the lag
 #   against the truth.
 # - [`evcalib.plots.full`](../evcalib/plots/full.py),
 #   [`evcalib.widgets.cockpit`](../evcalib/widgets/cockpit.py): the pictures and the cockpit.

@@ -30,8 +30,10 @@
 import matplotlib.pyplot as plt
 import numpy as np
 
-from data_tools.motion import Noise, arc, dead_reckon, polyline, simulate
-from data_tools.studies import drives, load_short, median_ratio, medians, scratch_study, study
+from data_tools.simulation import random_drives
+from data_tools.simulation.drives import arc, polyline
+from data_tools.simulation.streams import Noise, dead_reckon, simulate
+from data_tools.studies import load_short, median_ratio, medians, scratch_study, study
 from evcalib.baselines import METHODS, calibrate_with
 from evcalib.geometry import rotation_angle
 from evcalib.plots import style
@@ -84,13 +86,13 @@ MOTIONS = {
 # %%
 from types import SimpleNamespace
 
-from data_tools.baseline_runs import reckoned_poses
+from data_tools.studies.baseline_runs import reckoned_poses
 from evcalib.series import VelocitySeries
 
 
 def make_trial(kind, noise=0.1, drift=0.02, seed=11):
     spoiled = {"heading_noise": {"sigma": noise}, "velocity_noise": {"sigma": drift, "rho": 0.98}}
-    s = drives.streams({**MOTIONS[kind], **spoiled}, np.random.default_rng(seed))
+    s = random_drives.streams({**MOTIONS[kind], **spoiled}, np.random.default_rng(seed))
     speed = s.drive.speed(s.headings.t + s.offset)
     t = np.arange(0.0, s.drive.duration, 0.02)
     path = dead_reckon(VelocitySeries(t, s.drive.velocity(t)))
@@ -415,7 +417,7 @@ print(medians(wild, "offset_error_s", factor=1000, digits=0, short=SHORT))
 # of the authors' procedure. All angles are errors in degrees against the mounting by construction.
 
 # %%
-from data_tools.csv_table import read_columns
+from data_tools.files.csv_table import read_columns
 
 real_table = read_columns("data/study_real.csv")
 order = ("group", "method", "rotation_deg", "offset_s", "rotation_sd_deg", "offset_sd_s")

@@ -19,14 +19,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from data_tools.camera_files import read_calib_txt
-from data_tools.events_text import load_events_text
-from data_tools.samples import Sample, write_sample
-from data_tools.scenes import furnished_room
-from data_tools.sensor import Sensor
-from data_tools.simulator import FORWARD, Simulator, simulate_translation
+from data_tools.course.samples import Sample, write_sample
+from data_tools.logs.camera_files import read_calib_txt
+from data_tools.recordings.formats.events_text import load_events_text
+from data_tools.simulation.scenes import furnished_room
+from data_tools.simulation.sensor import Sensor
+from data_tools.simulation.simulator import FORWARD, Simulator, simulate_translation
+from data_tools.simulation.trajectory import Trajectory
 from data_tools.studies import load_study, short_lines
-from data_tools.trajectory import Trajectory
 from evcalib.camera import Camera
 from evcalib.events import Events
 from evcalib.geometry import angle_between, unit

@@ -18,9 +18,9 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from data_tools.demo import write_demo
-from data_tools.recorded_drive import VEHICLE, Disturbances, record_drive
-from data_tools.sensor import Sensor
+from data_tools.runs.demo import write_demo
+from data_tools.simulation.recorded_drive import VEHICLE, Disturbances, record_drive
+from data_tools.simulation.sensor import Sensor
 from data_tools.studies import load_study
 from evcalib.calibration import align
 from evcalib.camera import Camera

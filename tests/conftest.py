@@ -22,7 +22,7 @@ def data() -> Path:
 @pytest.fixture
 def run(monkeypatch, capsys):
     """Return a function that runs a command and gives its exit code, output and errors."""
-    from evcalib import cli
+    from data_tools import cli
 
     def call(*words):
         monkeypatch.setattr(sys, "argv", ["evcalib", *map(str, words)])

@@ -5,9 +5,12 @@ from functools import cache
 
 import numpy as np
 
-from data_tools.motion import Noise, s_curve, simulate, straight
-from evcalib import align
-from evcalib.heading import Counts, EventRate, Gap, HeadingEstimate, Snapshot
+from data_tools.simulation.drives import s_curve, straight
+from data_tools.simulation.streams import Noise, simulate
+from evcalib._heading_result import Gap, HeadingEstimate
+from evcalib._keyframes import Counts
+from evcalib._recording import EventRate, Snapshot
+from evcalib.calibration import align
 from evcalib.run import CalibrationRun, Gating, InputFile, Truth, package_versions
 
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from data_tools import motion
+from data_tools.simulation.streams import Noise
 from data_tools.studies import Cell
 from data_tools.studies.coverage import ACCURACY, CASES, outcome
 from evcalib.geometry import random_rotation, rotation_angle, unit
@@ -62,14 +62,14 @@ def run(case: Cell | str, trials: int, seed: int) -> Outcomes:
 
 
 SPOILS = (
-    motion.Noise(0.1),
-    motion.Noise(0.1, outliers=0.3),
-    motion.Noise(0.1, outliers=0.6),
-    motion.Noise(0.1, outliers=0.4, cluster=True),
+    Noise(0.1),
+    Noise(0.1, outliers=0.3),
+    Noise(0.1, outliers=0.6),
+    Noise(0.1, outliers=0.4, cluster=True),
 )
 
 
-def rotation_errors(method: str, noise: motion.Noise, trials: int, seed: int) -> np.ndarray:
+def rotation_errors(method: str, noise: Noise, trials: int, seed: int) -> np.ndarray:
     """Return rotation errors [rad] of a method on 300 planar directions of any azimuth.
 
     (Over so wide a spread a cluster of outliers does less harm than over a narrow one.)

@@ -158,7 +158,7 @@ def source_of(thing) -> Path:
 
 def wrong_command(command: str) -> str | None:
     """Return what is wrong with a call of our command; None if nothing is."""
-    from evcalib import cli
+    from data_tools import cli
 
     group = typer.main.get_command(cli.app)
     words = command.split()

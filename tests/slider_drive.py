@@ -10,8 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from evcalib import Camera, Events, VelocitySeries
+from evcalib.camera import Camera
+from evcalib.events import Events
 from evcalib.geometry import rotation_vector_to_matrix
+from evcalib.series import VelocitySeries
 
 SPEED = 0.318
 STEADY = 0.2, 1.2

@@ -3,7 +3,8 @@
 import numpy as np
 from hypothesis import strategies as st
 
-from evcalib.events import MAX_TIME_US, Events
+from evcalib._event_columns import MAX_TIME_US
+from evcalib.events import Events
 
 
 @st.composite

@@ -6,23 +6,25 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from data_tools import motion
-from data_tools.series_files import read_paired_streams
-from evcalib import HeadingSeries, InputError, VelocitySeries, align
-from evcalib.calibration import one_answer
+from data_tools.logs.series_files import read_paired_streams
+from data_tools.simulation import drives
+from data_tools.simulation.streams import Noise, simulate
+from evcalib.calibration import align, one_answer
+from evcalib.errors import InputError
 from evcalib.geometry import random_rotation, rotation_angle, rotation_vector_to_matrix, unit
+from evcalib.series import HeadingSeries, VelocitySeries
 
 FORWARD_CAMERA = np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])
 """R_body_cam of a camera that looks forward."""
 
 
 def streams(drive=None, seed=0, *, offset=0.2, sigma=0.05, sigma_o=0.02, velocity=None, **more):
-    return motion.simulate(
-        drive or motion.s_curve(),
+    return simulate(
+        drive or drives.s_curve(),
         np.random.default_rng(seed),
         offset=offset,
-        heading_noise=motion.Noise(sigma, **more),
-        velocity_noise=motion.Noise(sigma_o, **(velocity or {})),
+        heading_noise=Noise(sigma, **more),
+        velocity_noise=Noise(sigma_o, **(velocity or {})),
     )
 
 
@@ -96,7 +98,7 @@ def test_which_headings_are_outliers_does_not_matter():
 
 
 def test_the_same_input_gives_the_same_bytes():
-    made = streams(motion.polyline(), offset=0.1)
+    made = streams(drives.polyline(), offset=0.1)
     one, two = aligned(made, seed=4), aligned(made, seed=4)
     assert one.R_body_cam.tobytes() == two.R_body_cam.tobytes()
     assert (one.offset, one.offset_sd) == (two.offset, two.offset_sd)
@@ -119,7 +121,7 @@ def test_an_s_curve_tells_everything():
 
 @pytest.mark.parametrize("offset_method", ["profile", "trace", "canonical", "scalar"])
 def test_every_offset_method_finds_an_offset(offset_method):
-    made = streams(motion.s_curve(amplitude=1.2, period=6.0), sigma=0.02)
+    made = streams(drives.s_curve(amplitude=1.2, period=6.0), sigma=0.02)
     found = aligned(made, offset_method=offset_method)
     assert found.offset == pytest.approx(0.2, abs=0.03)
     assert found.curve.method == offset_method
@@ -127,7 +129,7 @@ def test_every_offset_method_finds_an_offset(offset_method):
 
 @pytest.mark.parametrize("rotation_method", ["tukey", "l1", "kabsch", "gnc", "cca"])
 def test_every_rotation_method_finds_a_rotation(rotation_method):
-    made = streams(motion.s_curve(amplitude=1.2))
+    made = streams(drives.s_curve(amplitude=1.2))
     assert error(aligned(made, rotation_method=rotation_method), made) < 2
 
 
@@ -168,7 +170,7 @@ def test_gaps_and_drop_outs_cost_precision_only():
 
 
 def test_instant_turns_are_noticed_and_bootstrapped():
-    found = aligned(streams(motion.polyline(), sigma=0.1), max_offset=0.7)
+    found = aligned(streams(drives.polyline(), sigma=0.1), max_offset=0.7)
     assert found.diagnostics.sharp_turns
     assert abs(found.offset - 0.2) < 4 * found.offset_sd < 0.1
     assert not aligned(streams()).diagnostics.sharp_turns
@@ -191,7 +193,7 @@ def test_headings_that_agree_with_nothing_are_no_calibration():
 # What a motion cannot tell ----------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("drive", [motion.arc(), motion.straight()], ids=lambda d: d.kind)
+@pytest.mark.parametrize("drive", [drives.arc(), drives.straight()], ids=lambda d: d.kind)
 def test_steady_motion_hides_the_offset_and_with_it_the_rotation(drive):
     found = aligned(streams(drive))
     assert not found.offset_observable
@@ -205,14 +207,14 @@ def test_steady_motion_hides_the_offset_and_with_it_the_rotation(drive):
 
 def test_an_arcs_rotation_uncertainty_includes_that_of_the_offset():
     """An offset of 0.2 s turns the rotation by 0.25 rad/s * 0.2 s = 2.9 deg."""
-    made = streams(motion.arc())
+    made = streams(drives.arc())
     found = aligned(made)
     assert error(found, made) == pytest.approx(np.degrees(0.05), abs=0.6)
     assert error(found, made) < np.degrees(found.rotation_radius)
 
 
 def test_given_the_offset_an_arc_determines_the_rotation():
-    made = streams(motion.arc())
+    made = streams(drives.arc())
     found = aligned(made, offset=0.2)
     assert not found.offset_observable
     assert found.rotation_observable
@@ -234,7 +236,7 @@ def test_without_a_search_the_given_offset_is_used():
 def test_fingers_determine_the_rotation_whatever_the_offset(seed):
     """Their directions stand still but for the pauses, so an offset does not matter."""
     angles = 0.4 * seed + np.radians([0, 60, 120])
-    made = streams(motion.fingers(angles), seed, offset=0.1 * seed - 0.15, sigma=0.02)
+    made = streams(drives.fingers(angles), seed, offset=0.1 * seed - 0.15, sigma=0.02)
     found = aligned(made)
     assert not found.offset_observable
     assert found.rotation_observable
@@ -244,7 +246,7 @@ def test_fingers_determine_the_rotation_whatever_the_offset(seed):
 
 
 def test_a_straight_drive_names_the_axis_that_it_leaves_unknown():
-    found = aligned(streams(motion.straight()))
+    found = aligned(streams(drives.straight()))
     np.testing.assert_allclose(np.abs(found.unknown_axis), [1, 0, 0], atol=0.1)
     assert "rotation about the body's forward axis is unknown" in str(found.verdict)
     assert found.rotation_sd > np.radians(90)
@@ -252,12 +254,12 @@ def test_a_straight_drive_names_the_axis_that_it_leaves_unknown():
 
 
 def test_sideways_out_and_back_leaves_the_left_axis_unknown():
-    found = aligned(streams(motion.fingers([np.pi / 2]), offset=0.0))
+    found = aligned(streams(drives.fingers([np.pi / 2]), offset=0.0))
     assert "rotation about the body's left axis is unknown" in str(found.verdict)
 
 
 def test_a_quick_zigzag_repeats_itself_within_the_search():
-    drive = motion.zigzag(side=0.8, turn=np.pi / 3, turn_time=0.3)
+    drive = drives.zigzag(side=0.8, turn=np.pi / 3, turn_time=0.3)
     found = aligned(streams(drive), max_offset=1.5)
     assert found.diagnostics.second_peak_ratio > 0.9
     assert not found.offset_observable
@@ -265,7 +267,7 @@ def test_a_quick_zigzag_repeats_itself_within_the_search():
 
 
 def test_the_same_zigzag_tells_the_offset_within_half_a_period():
-    drive = motion.zigzag(side=0.8, turn=np.pi / 3, turn_time=0.3)
+    drive = drives.zigzag(side=0.8, turn=np.pi / 3, turn_time=0.3)
     found = aligned(streams(drive), max_offset=0.4)
     assert found.offset_observable
     assert found.offset == pytest.approx(0.2, abs=0.02)
@@ -396,7 +398,7 @@ def test_opposite_directions_determine_nothing_but_do_not_fail():
 
 def test_exact_headings_agree():
     """Residuals that remember all of the drive, but are tiny, do not speak against a result."""
-    streams = motion.simulate(motion.s_curve(20.0), np.random.default_rng(1), offset=0.2)
+    streams = simulate(drives.s_curve(20.0), np.random.default_rng(1), offset=0.2)
     found = align(streams.headings, streams.velocities)
     assert found.diagnostics.agrees
     assert found.offset_observable
@@ -407,12 +409,12 @@ def test_exact_headings_agree():
 @pytest.mark.parametrize("sigma", [0.0075, 0.01, 0.02])
 def test_precise_headings_on_instant_turns_determine_the_offset(sigma):
     """The few headings next to the turns are outliers at most offsets nearby, which is no alias."""
-    streams = motion.simulate(
-        motion.polyline(20.0),
+    streams = simulate(
+        drives.polyline(20.0),
         np.random.default_rng(2),
         offset=0.2,
-        heading_noise=motion.Noise(sigma),
-        velocity_noise=motion.Noise(0.02),
+        heading_noise=Noise(sigma),
+        velocity_noise=Noise(0.02),
     )
     found = align(streams.headings, streams.velocities)
     assert found.offset_observable
@@ -421,7 +423,7 @@ def test_precise_headings_on_instant_turns_determine_the_offset(sigma):
 
 @pytest.mark.parametrize(("given", "told"), [(0.0, True), (0.2, False), (0.4, True)])
 def test_a_given_offset_that_the_motion_contradicts_is_told(given, told):
-    streams = motion.simulate(motion.s_curve(20.0), np.random.default_rng(1), offset=0.2)
+    streams = simulate(drives.s_curve(20.0), np.random.default_rng(1), offset=0.2)
     found = align(streams.headings, streams.velocities, offset=given)
     assert found.offset == pytest.approx(0.2, abs=1e-3)
     assert ("that was given is not used" in str(found.verdict)) == told

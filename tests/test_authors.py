@@ -6,7 +6,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
-from data_tools.series_files import read_paired_rows
+from data_tools.logs.series_files import read_paired_rows
 from evcalib.authors import SEARCH, PairedRows, with_alignment, without_alignment
 from evcalib.errors import InputError
 from evcalib.geometry import random_rotation, rotation_angle, rotation_vector_to_matrix, unit

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from bag_writing import DVS, KINDS, Maker
 
+from data_tools.logs.velocity_sources import read_body_velocities
 from data_tools.recordings import open_recording
-from data_tools.velocity_sources import read_body_velocities
 from evcalib.errors import InputError
 from evcalib.kinematics import Mecanum, Swerve, Wheel
 

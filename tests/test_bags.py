@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from data_tools.bags import open_bag
-from data_tools.formats._event_arrays import read_array
 from data_tools.recordings import open_recording
+from data_tools.recordings.formats._event_arrays import read_array
 from evcalib.errors import InputError
 
 START = 1_675_956_550_123_456_789

@@ -2,24 +2,29 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from data_tools import motion
-from data_tools.baseline_runs import baseline_table, body_poses, reckoned_poses, run_baselines
-from data_tools.series_files import read_paired_rows
-from evcalib import HeadingSeries, VelocitySeries, align
+from data_tools.logs.series_files import read_paired_rows
+from data_tools.simulation import drives
+from data_tools.simulation.streams import Noise, simulate
+from data_tools.studies.baseline_runs import (
+    baseline_table,
+    body_poses,
+    reckoned_poses,
+    run_baselines,
+)
 from evcalib.authors import with_alignment
-from evcalib.baselines import (
-    METHODS,
-    TRAJECTORY_METHODS,
+from evcalib.baselines import METHODS, TRAJECTORY_METHODS, calibrate_with
+from evcalib.baselines.released import paired_rows
+from evcalib.baselines.rival import (
     CertifiedCalibration,
     RivalCalibration,
     RivalInput,
     TrajectoryCalibration,
-    calibrate_with,
 )
-from evcalib.baselines.released import paired_rows
+from evcalib.calibration import align
 from evcalib.errors import InputError
 from evcalib.geometry import rotation_angle
 from evcalib.poses import PoseSeries
+from evcalib.series import HeadingSeries, VelocitySeries
 
 RIVALS = [name for name in METHODS if name != "ours"]
 ALIGNING = ["vc", "authors", "cross_correlation", "cca", "hand_eye_offset"]
@@ -27,19 +32,19 @@ ALIGNING = ["vc", "authors", "cross_correlation", "cca", "hand_eye_offset"]
 
 def streams(drive, seed=0, offset=0.3, sigma=0.05, **more):
     rng = np.random.default_rng(seed)
-    return motion.simulate(
+    return simulate(
         drive,
         rng,
         offset=offset,
-        heading_noise=motion.Noise(sigma),
-        velocity_noise=motion.Noise(0.02),
+        heading_noise=Noise(sigma),
+        velocity_noise=Noise(0.02),
         **more,
     )
 
 
 @pytest.fixture(scope="module")
 def lively():
-    return streams(motion.s_curve(amplitude=np.pi / 2, period=5.0))
+    return streams(drives.s_curve(amplitude=np.pi / 2, period=5.0))
 
 
 @pytest.fixture(scope="module")
@@ -107,7 +112,7 @@ def test_vc_without_alignment_is_the_registration_of_what_is_simultaneous(lively
 
 
 def test_vc_takes_its_peak_on_an_arc_where_ours_says_that_there_is_none():
-    arc = streams(motion.arc(radius=4.0), sigma=0.1)
+    arc = streams(drives.arc(radius=4.0), sigma=0.1)
     vc = calibrate_with("vc", RivalInput(arc.headings, arc.velocities))
     ours = calibrate_with("ours", RivalInput(arc.headings, arc.velocities))
     assert vc.offset == vc.curve.offset != 0

@@ -8,8 +8,8 @@ import batch_jobs
 import numpy as np
 import pytest
 
-from data_tools.batch import run_batch
-from data_tools.batch_list import read_list
+from data_tools.studies.batch import run_batch
+from data_tools.studies.batch_list import read_list
 from evcalib.errors import InputError
 
 GOOD = """

@@ -15,16 +15,20 @@ import pytest
 import yaml
 from naive_formats import evt2_words
 
-import data_tools.demo
-from data_tools.demo import write_demo
-from data_tools.recorded_drive import RecordedDrive, record_drive
+from data_tools.logs.series_files import read_velocities
 from data_tools.recordings import open_recording
-from data_tools.run_folder import MARKER
-from data_tools.series_files import read_velocities
-from evcalib import Camera, Events, InputError, VelocitySeries, calibrate
+from data_tools.runs import demo
+from data_tools.runs.demo import write_demo
+from data_tools.runs.folder import MARKER
+from data_tools.simulation.recorded_drive import RecordedDrive, record_drive
+from evcalib import calibrate
+from evcalib.camera import Camera
+from evcalib.errors import InputError
+from evcalib.events import Events
 from evcalib.geometry import rotation_angle
+from evcalib.series import VelocitySeries
 
-EVCALIB = [sys.executable, "-c", "from evcalib.cli import main; main()"]
+EVCALIB = [sys.executable, "-c", "from data_tools.cli import main; main()"]
 
 SMALL = Camera(96, 72, 80.0, 80.0, 47.5, 35.5)
 
@@ -400,7 +404,7 @@ def test_ctrl_c_ends_with_130_and_a_marked_folder(sweep, tmp_path):
 
 def test_the_demo_finds_the_truth_and_keeps_its_files_if_asked(run, sweep, tmp_path, monkeypatch):
     """On a small drive; the real one is longer."""
-    monkeypatch.setattr(data_tools.demo, "demo_drive", lambda seed: sweep.drive)
+    monkeypatch.setattr(demo, "demo_drive", lambda seed: sweep.drive)
     words = ("demo", "-o", tmp_path / "o", "--recording", tmp_path / "files")
     code, out, _ = run(*words)
     assert code == 0

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from data_tools.camera_files import read_calib_txt, read_camchain, read_camera
+from data_tools.logs.camera_files import read_calib_txt, read_camchain, read_camera
 from evcalib.camera import Camera
 from evcalib.errors import InputError
 

@@ -6,12 +6,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from data_tools import sighting_drives
-from data_tools.motion import Drive, s_curve, straight
-from data_tools.sighting_drives import Fault, sight
-from data_tools.sightings import Corners, unit_noise
-from data_tools.studies import Study, campaign, run_study
-from data_tools.studies import _campaign_draws as draws
+from data_tools.simulation.drives import Drive, s_curve, straight
+from data_tools.studies import Study, campaign, run_study, sighting_drives
+from data_tools.studies import _campaign_faults as draws
+from data_tools.studies.sighting_drives import Fault, sight
+from data_tools.studies.sightings import Corners, unit_noise
 from evcalib.camera import Camera
 from evcalib.geometry import LOOKS_FORWARD, random_rotation, rotation_angle
 

@@ -6,7 +6,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from trajectories import camera_of, pair, smooth_body
 
-from data_tools.trajectory_files import read_tum
+from data_tools.logs.trajectory_files import read_tum
 from evcalib.baselines import cgoc as module
 from evcalib.baselines.cgoc import CERTIFIED, certify, cgoc
 from evcalib.baselines.hand_eye import Quadratic, hand_eye, minimise, quadratic

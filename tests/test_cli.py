@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 import yaml
 
-from data_tools import datasets
-from data_tools.motion import Noise, arc, s_curve, simulate, straight
-from data_tools.series_files import write_headings, write_velocities
-from evcalib import cli
+from data_tools import cli
+from data_tools.files import datasets
+from data_tools.logs.series_files import write_headings, write_velocities
+from data_tools.simulation.drives import arc, s_curve, straight
+from data_tools.simulation.streams import Noise, simulate
 from evcalib.geometry import rotation_angle
 
 PAPER_TRUTH = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
@@ -291,7 +292,7 @@ def test_headings_of_a_real_recording_point_to_the_truth(run, data, tmp_path):
 
 def test_importing_evcalib_pulls_in_neither_plots_nor_notebooks():
     heavy = "('matplotlib', 'IPython', 'ipywidgets', 'jupyterlab')"
-    code = f"import sys, evcalib, evcalib.cli; sys.exit(any(m in sys.modules for m in {heavy}))"
+    code = f"import sys, evcalib, data_tools.cli; sys.exit(any(m in sys.modules for m in {heavy}))"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog
 
-from data_tools.clock_map import MAX_DRIFT, fit_clock
+from data_tools.bags.clock_map import MAX_DRIFT, fit_clock
 from evcalib.errors import InputError
 
 

@@ -12,8 +12,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from data_tools.convert import convert
 from data_tools.recordings import open_recording
+from data_tools.recordings.convert import convert
 from evcalib.errors import InputError
 from evcalib.events import Events
 
@@ -148,7 +148,7 @@ def test_a_full_disk_is_reported_and_leaves_nothing(tmp_path, name):
     write_source(tmp_path / "source.npz", n=300_000)
     program = f"""
         import resource, signal
-        from data_tools.convert import convert
+        from data_tools.recordings.convert import convert
         from data_tools.recordings import open_recording
         from evcalib.errors import InputError
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)

@@ -7,8 +7,8 @@ from functools import partial
 
 import pytest
 
-from data_tools import datasets
-from data_tools.series_files import read_paired_streams
+from data_tools.files import datasets
+from data_tools.logs.series_files import read_paired_streams
 from evcalib.errors import InputError
 
 

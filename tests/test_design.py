@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from data_tools.motion import Drive, arc, fingers, s_curve, straight, zigzag
+from data_tools.simulation.drives import Drive, arc, fingers, s_curve, straight, zigzag
 from evcalib.design import STEP, Viewing, predict, self_likeness
 from evcalib.errors import InputError
 from evcalib.joint import SYSTEMATIC

@@ -3,11 +3,15 @@
 import numpy as np
 import pytest
 
-from data_tools.motion import s_curve
-from data_tools.scenes import furnished_room
-from data_tools.simulator import FORWARD, Simulator, Trajectory
-from evcalib import Camera, VelocitySeries, align, estimate_headings
+from data_tools.simulation.drives import s_curve
+from data_tools.simulation.scenes import furnished_room
+from data_tools.simulation.simulator import FORWARD, Simulator
+from data_tools.simulation.trajectory import Trajectory
+from evcalib.calibration import align
+from evcalib.camera import Camera
 from evcalib.geometry import rotation_angle, rotation_vector_to_matrix
+from evcalib.heading import estimate_headings
+from evcalib.series import VelocitySeries
 
 
 @pytest.fixture(scope="module")

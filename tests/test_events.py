@@ -6,8 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
+from evcalib._event_columns import MAX_TIME_US
 from evcalib.errors import InputError
-from evcalib.events import MAX_TIME_US, Events
+from evcalib.events import Events
 
 X, Y, T, P = [0, 3, 2], [1, 0, 2], [0, 5, 5], [0, 1, 1]
 

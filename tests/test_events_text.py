@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from data_tools.events_text import load_events_text, read_events_text
+from data_tools.recordings.formats.events_text import load_events_text, read_events_text
 from evcalib.errors import InputError
 
 TEXT = "0.003811000 96 133 0\n0.003820001 127 171 0\n0.003836000 4 160 1\n"

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from data_tools import export
+from data_tools.runs import export
 from evcalib.errors import InputError
 
 seeds = st.integers(0, 2**32 - 1)

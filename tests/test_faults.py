@@ -11,21 +11,23 @@ import naive_formats
 import numpy as np
 import pytest
 
-from data_tools.convert import convert
-from data_tools.demo import write_demo
-from data_tools.export import read_calibration
-from data_tools.recorded_drive import record_drive
+from data_tools.logs.series_files import read_headings, read_velocities
 from data_tools.recordings import open_recording
-from data_tools.run_folder import MARKER, RunFolder
-from data_tools.series_files import read_headings, read_velocities
-from evcalib import Camera, Events, InputError
+from data_tools.recordings.convert import convert
+from data_tools.runs.demo import write_demo
+from data_tools.runs.export import read_calibration
+from data_tools.runs.folder import MARKER, RunFolder
+from data_tools.simulation.recorded_drive import record_drive
+from evcalib.camera import Camera
+from evcalib.errors import InputError
+from evcalib.events import Events
 
 STAGES = ("headings", "alignment", "refinement", "report")
 COMPLETE = {"headings.csv", "velocities.csv", "report.html", "calibration.yaml"}
 
 SIGNALLED = """
 import os, signal, sys, threading
-from data_tools.run_folder import RunFolder
+from data_tools.runs.folder import RunFolder
 stage, name, delay = sys.argv[1], getattr(signal, sys.argv[2]), float(sys.argv[3])
 plain = RunFolder.stage
 def watched(self, reached):
@@ -36,7 +38,7 @@ def watched(self, reached):
         timer.start()
 RunFolder.stage = watched
 sys.argv = ["evcalib", *sys.argv[4:]]
-from evcalib.cli import main
+from data_tools.cli import main
 main()
 """
 
@@ -121,7 +123,7 @@ def test_ctrl_c_in_any_stage_ends_in_one_line(files, tmp_path, stage):
 
 CONVERT = """
 import sys
-from data_tools.convert import convert
+from data_tools.recordings.convert import convert
 from data_tools.recordings import open_recording
 print("ready", flush=True)
 convert(open_recording(sys.argv[1]), sys.argv[2])

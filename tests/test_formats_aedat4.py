@@ -7,8 +7,8 @@ import sys
 import numpy as np
 import pytest
 
-from data_tools.formats._aedat4_layout import _header
 from data_tools.recordings import open_recording
+from data_tools.recordings.formats._aedat4_layout import _header
 from evcalib.errors import InputError
 
 HEADER = 18 + 3108

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from data_tools.formats._evt import Evt2Decoder, Evt3Decoder
 from data_tools.recordings import open_recording
+from data_tools.recordings.formats._evt import Evt2Decoder, Evt3Decoder
 from evcalib.errors import InputError
 
 WRITERS = {

@@ -20,11 +20,12 @@ import pytest
 from fuzz import seeds
 from fuzz.targets import JOINTS, TARGETS, TWO_WHEELS, read_events
 
-from data_tools import _unpack, text_files
 from data_tools.bags import open_bag
-from data_tools.formats import _aedat4_layout, _hdf5_checks
-from data_tools.series_files import read_paired_rows
-from data_tools.velocity_sources import read_body_velocities
+from data_tools.files import text as text_files
+from data_tools.files import unpack
+from data_tools.logs.series_files import read_paired_rows
+from data_tools.logs.velocity_sources import read_body_velocities
+from data_tools.recordings.formats import _aedat4_layout, _hdf5_checks
 from evcalib.errors import InputError
 
 YAML_READERS = ("column-map", "kalibr", "vehicle", "calibration", "kalibr-export", "batch-list")
@@ -46,8 +47,8 @@ def grown(most):
 
 @pytest.fixture
 def small_bounds(monkeypatch):
-    monkeypatch.setattr(_unpack, "HARMLESS", 1 << 20)
-    monkeypatch.setattr(_unpack, "MOST", 1 << 20)
+    monkeypatch.setattr(unpack, "HARMLESS", 1 << 20)
+    monkeypatch.setattr(unpack, "MOST", 1 << 20)
 
 
 @pytest.fixture
@@ -111,7 +112,7 @@ def test_no_module_loads_pickles_or_runs_text():
                     keywords = {k.arg: ast.unparse(k.value) for k in node.keywords}
                     calls.append((ast.unparse(node.func), path.name, keywords))
     loads = [path for name, path, _ in calls if name.split(".")[0] == "yaml" and "load" in name]
-    assert loads == ["text_files.py"]
+    assert loads == ["text.py"]
     for name, path, what in calls:
         assert name not in ("eval", "exec", "compile", "os.system", "pickle.load", "joblib.load")
         assert name != "import" or what not in ("pickle", "joblib", "dill", "marshal", "shelve")
@@ -285,7 +286,7 @@ def test_hdf5_that_leads_to_other_files_or_objects_is_refused(tmp_path):
 def test_packets_of_aedat4_that_unpack_without_end_are_refused(write, monkeypatch, kind):
     pytest.importorskip("lz4")
     monkeypatch.setattr(_aedat4_layout, "LARGEST_PACKET", 1 << 17)
-    monkeypatch.setattr("data_tools.formats.aedat4.LARGEST_PACKET", 1 << 17)
+    monkeypatch.setattr("data_tools.recordings.formats.aedat4.LARGEST_PACKET", 1 << 17)
     pack = None if kind == "lz4" else pytest.importorskip("backports.zstd").compress
     content = seeds.aedat4_made(
         pack, 1 if kind == "lz4" else 3, change=lambda c: c + bytes(1 << 24)
@@ -326,21 +327,21 @@ def test_pieces_are_unpacked_to_their_bound_only():
     zeros = bytes(1 << 22)
     packed = {"bz2": bz2.compress(zeros), "lz4": pytest.importorskip("lz4.frame").compress(zeros)}
     packed["zstd"] = pytest.importorskip("backports.zstd").compress(zeros)
-    assert _unpack.zstd_size(packed["zstd"][:18]) == 1 << 22
-    assert _unpack.zstd_size(b"other") is None
+    assert unpack.zstd_size(packed["zstd"][:18]) == 1 << 22
+    assert unpack.zstd_size(b"other") is None
     for kind, data in packed.items():
-        assert _unpack.unpack(data, kind) == zeros
+        assert unpack.unpack(data, kind) == zeros
         for spoiled, message in (
             (data[:-2], "cut off|damaged"),
             (data + b"x", "damaged or cut off"),
             (b"x" + data, "damaged"),
         ):
             with pytest.raises(InputError, match=message):
-                _unpack.unpack(spoiled, kind)
+                unpack.unpack(spoiled, kind)
         with grown(3e6), pytest.raises(InputError, match="more than 1000000 bytes"):
-            _unpack.unpack(data, kind, 1_000_000)
+            unpack.unpack(data, kind, 1_000_000)
     with pytest.raises(InputError, match="not known"):
-        _unpack.unpack(b"", "rar")
+        unpack.unpack(b"", "rar")
 
 
 def test_sizes_that_bags_claim_are_not_allocated(tmp_path, write):

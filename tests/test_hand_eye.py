@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from trajectories import camera_of, pair, smooth_body
 
-from data_tools.trajectory_files import read_tum
+from data_tools.logs.trajectory_files import read_tum
 from evcalib.baselines.hand_eye import closed_form, hand_eye
 from evcalib.baselines.motions import associate, motions
 from evcalib.errors import InputError

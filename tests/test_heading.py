@@ -9,11 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from data_tools.camera_files import read_calib_txt
-from data_tools.events_text import load_events_text
-from data_tools.scenes import furnished_room
-from data_tools.simulator import Simulator, simulate_translation
-from data_tools.trajectory import Trajectory
+from data_tools.logs.camera_files import read_calib_txt
+from data_tools.recordings.formats.events_text import load_events_text
+from data_tools.simulation.scenes import furnished_room
+from data_tools.simulation.simulator import Simulator, simulate_translation
+from data_tools.simulation.trajectory import Trajectory
 from evcalib._heading_fit import FitOptions, fit
 from evcalib._keyframes import BearingTable
 from evcalib._matches import MAX_STEPS, Matches

@@ -14,16 +14,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from data_tools.motion import Drive, Noise, s_curve, simulate
-from data_tools.sighting_drives import sight
-from data_tools.sightings import Corners
-from data_tools.simulator import simulate_translation
-from evcalib import HeadingSeries, VelocitySeries, align
+from data_tools.simulation.drives import Drive, s_curve
+from data_tools.simulation.simulator import simulate_translation
+from data_tools.simulation.streams import Noise, simulate
+from data_tools.studies.sighting_drives import sight
+from data_tools.studies.sightings import Corners
+from evcalib.calibration import align
 from evcalib.camera import Camera
 from evcalib.events import Events
 from evcalib.geometry import angle_between, random_rotation, rotation_angle, unit
 from evcalib.heading import estimate_headings
 from evcalib.pipeline import calibrate_estimate
+from evcalib.series import HeadingSeries, VelocitySeries
 
 CAMERA = Camera(240, 180, 150.0, 150.0, 119.5, 89.5)
 OFFSET = 0.15

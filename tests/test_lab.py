@@ -14,8 +14,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from data_tools import course
-from data_tools.course import RECORD, copy_notebooks, course_files, home_of_notebooks
+from data_tools.course import _copy, copy_notebooks, home_of_notebooks
+from data_tools.course._copy import RECORD, course_files
 from evcalib import __version__
 from evcalib.errors import InputError
 
@@ -54,7 +54,7 @@ def test_first_copy_is_whole_and_the_second_changes_nothing(home, mine):
     assert contents(mine) == {A: "a1", B: "b1"}
     before = {path: path.stat().st_mtime_ns for path in mine.rglob("*")}
     again = copy_notebooks(mine, home=home)
-    assert again == course.Copied(mine, (), (), (), {})
+    assert again == _copy.Copied(mine, (), (), (), {})
     assert again.text() == ""
     assert {path: path.stat().st_mtime_ns for path in mine.rglob("*")} == before
 
@@ -148,8 +148,8 @@ def test_folder_that_cannot_be_used_is_refused(home, mine, tmp_path):
 
 
 def test_installation_without_notebooks_says_so(monkeypatch, tmp_path):
-    monkeypatch.setattr(course, "SHIPPED", tmp_path)
-    monkeypatch.setattr(course, "CHECKOUT", tmp_path)
+    monkeypatch.setattr(_copy, "SHIPPED", tmp_path)
+    monkeypatch.setattr(_copy, "CHECKOUT", tmp_path)
     with pytest.raises(InputError, match="holds no notebooks"):
         home_of_notebooks()
 
@@ -157,13 +157,13 @@ def test_installation_without_notebooks_says_so(monkeypatch, tmp_path):
 @pytest.fixture
 def checkout(monkeypatch, tmp_path):
     """Make the installation one of a checkout, also where the tests run on a wheel."""
-    monkeypatch.setattr(course, "SHIPPED", tmp_path / "none")
-    monkeypatch.setattr(course, "CHECKOUT", CHECKOUT)
+    monkeypatch.setattr(_copy, "SHIPPED", tmp_path / "none")
+    monkeypatch.setattr(_copy, "CHECKOUT", CHECKOUT)
 
 
 def test_wheel_comes_before_a_checkout(checkout, monkeypatch, home):
     assert home_of_notebooks() == (CHECKOUT, True)
-    monkeypatch.setattr(course, "SHIPPED", home)
+    monkeypatch.setattr(_copy, "SHIPPED", home)
     assert home_of_notebooks() == (home, False)
 
 
@@ -209,7 +209,7 @@ def test_checkout_opens_its_own_notebooks(run, server, checkout, tmp_path, monke
 
 def test_wheel_copies_to_a_folder_here(run, server, tmp_path, monkeypatch, home):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(course, "SHIPPED", home)
+    monkeypatch.setattr(_copy, "SHIPPED", home)
     code, out, _ = run("lab", "--no-browser", "--port", 0x7E57)
     assert (code, out) == (0, "2 files copied to evcalib-notebooks\n")
     assert contents(tmp_path / "evcalib-notebooks") == {A: "a1", B: "b1"}

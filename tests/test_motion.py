@@ -5,15 +5,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from data_tools import motion
-from data_tools.motion import Noise, simulate
+from data_tools.simulation import drives
+from data_tools.simulation.streams import Noise, dead_reckon, simulate
 from evcalib.errors import InputError
 from evcalib.geometry import angle_between
 from evcalib.series import VelocitySeries
 
 T = np.linspace(0, 20, 2001)
-DRIVES = [motion.straight(), motion.arc(), motion.s_curve(), motion.polyline(), motion.zigzag()]
-LONG = motion.s_curve(600.0)
+DRIVES = [drives.straight(), drives.arc(), drives.s_curve(), drives.polyline(), drives.zigzag()]
+LONG = drives.s_curve(600.0)
 
 
 def turned(streams):
@@ -33,33 +33,33 @@ def test_a_drive_is_planar_at_constant_speed(drive):
 
 
 def test_an_arc_turns_at_speed_over_radius():
-    angle = motion.arc(radius=-4.0, speed=2.0, heading=0.3).angle(T)
+    angle = drives.arc(radius=-4.0, speed=2.0, heading=0.3).angle(T)
     np.testing.assert_allclose(angle, 0.3 - 0.5 * T, rtol=1e-14)
 
 
 def test_an_arc_driven_round_closes_its_circle():
     t = np.linspace(0, 2 * np.pi * 4, 4001)
-    position = motion.dead_reckon(VelocitySeries(t, motion.arc(radius=4.0).velocity(t)))
+    position = dead_reckon(VelocitySeries(t, drives.arc(radius=4.0).velocity(t)))
     np.testing.assert_allclose(position[-1], 0, atol=1e-9)
     np.testing.assert_allclose(position[2000], [0, 8, 0], atol=1e-4)
 
 
 def test_an_s_curve_swings_by_its_amplitude_once_a_period():
-    angle = motion.s_curve(amplitude=0.4, period=8.0, heading=1.0, phase=np.pi / 2).angle
+    angle = drives.s_curve(amplitude=0.4, period=8.0, heading=1.0, phase=np.pi / 2).angle
     np.testing.assert_allclose(angle(np.array([0.0, 2.0, 4.0, 8.0])), [1.4, 1.0, 0.6, 1.4])
 
 
 def test_a_polyline_turns_by_the_same_angle_after_each_side():
-    angle = motion.polyline(turn=0.5, side=3.0, heading=0.1).angle(np.array([0, 2.9, 3.1, 6.1]))
+    angle = drives.polyline(turn=0.5, side=3.0, heading=0.1).angle(np.array([0, 2.9, 3.1, 6.1]))
     np.testing.assert_allclose(angle, [0.1, 0.1, 0.6, 1.1])
 
 
 def test_a_zigzag_swings_to_and_fro_about_its_heading():
-    angle = motion.zigzag(turn=0.5, side=3.0, heading=0.1).angle(np.array([1.0, 4.0, 7.0, 10.0]))
+    angle = drives.zigzag(turn=0.5, side=3.0, heading=0.1).angle(np.array([1.0, 4.0, 7.0, 10.0]))
     np.testing.assert_allclose(angle, [-0.15, 0.35, -0.15, 0.35])
 
 
-@pytest.mark.parametrize("make", [motion.polyline, motion.zigzag])
+@pytest.mark.parametrize("make", [drives.polyline, drives.zigzag])
 def test_a_turn_that_takes_time_is_smooth_and_centred_on_its_instant(make):
     slow, instant = make(turn=1.0, turn_time=0.4), make(turn=1.0)
     outside = np.abs((T + 1.5) % 3.0 - 1.5) > 0.21
@@ -69,9 +69,9 @@ def test_a_turn_that_takes_time_is_smooth_and_centred_on_its_instant(make):
 
 
 def test_fingers_go_out_and_come_back_along_each_angle():
-    drive = motion.fingers([0.0, 1.0], out=2.0, pause=0.5)
+    drive = drives.fingers([0.0, 1.0], out=2.0, pause=0.5)
     t = np.linspace(0, drive.duration, 10_001)
-    position = motion.dead_reckon(VelocitySeries(t, drive.velocity(t)))
+    position = dead_reckon(VelocitySeries(t, drive.velocity(t)))
     tip, back, second = (position[np.searchsorted(t, s)] for s in (2.25, 4.75, 7.25))
     assert drive.duration == 10.0
     np.testing.assert_allclose([back, position[-1]], 0, atol=1e-3)
@@ -82,14 +82,14 @@ def test_fingers_go_out_and_come_back_along_each_angle():
 
 
 def test_fingers_stand_in_the_pauses():
-    speed = motion.fingers([0.0], out=2.0, pause=0.5).speed(np.array([0.0, 1.0, 2.0, 2.4, 2.5]))
+    speed = drives.fingers([0.0], out=2.0, pause=0.5).speed(np.array([0.0, 1.0, 2.0, 2.4, 2.5]))
     np.testing.assert_allclose(speed, [0, 1, 0, 0, 0], atol=1e-12)
 
 
 def test_dead_reckoning_turns_body_velocities_into_the_world():
     t = np.linspace(0, np.pi, 2001)
     forward = np.tile([1.0, 0.0, 0.0], (t.size, 1))
-    position = motion.dead_reckon(VelocitySeries(t, forward, np.ones_like(t)))
+    position = dead_reckon(VelocitySeries(t, forward, np.ones_like(t)))
     circle = np.stack([np.sin(t), 1 - np.cos(t), 0 * t], axis=1)
     np.testing.assert_allclose(position, circle, atol=1e-6)
 
@@ -97,14 +97,14 @@ def test_dead_reckoning_turns_body_velocities_into_the_world():
 # Streams ----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("drive", [*DRIVES, motion.fingers()], ids=lambda d: d.kind)
+@pytest.mark.parametrize("drive", [*DRIVES, drives.fingers()], ids=lambda d: d.kind)
 def test_clean_headings_are_the_true_directions_seen_by_the_camera(drive):
     streams = simulate(drive, np.random.default_rng(0), offset=0.3)
     np.testing.assert_allclose(*turned(streams), atol=1e-12)
 
 
 def test_clean_velocities_are_those_of_the_drive_on_the_body_clock():
-    streams = simulate(motion.s_curve(), np.random.default_rng(0), offset=0.3)
+    streams = simulate(drives.s_curve(), np.random.default_rng(0), offset=0.3)
     expected = streams.drive.velocity(streams.velocities.t)
     np.testing.assert_array_equal(streams.velocities.v, expected)
 
@@ -112,7 +112,7 @@ def test_clean_velocities_are_those_of_the_drive_on_the_body_clock():
 def test_each_stream_has_its_rate_and_a_phase_of_its_own():
     starts = []
     for seed in range(200):
-        streams = simulate(motion.straight(2.0), np.random.default_rng(seed))
+        streams = simulate(drives.straight(2.0), np.random.default_rng(seed))
         np.testing.assert_allclose(np.diff(streams.headings.t), 1 / 30)
         np.testing.assert_allclose(np.diff(streams.velocities.t), 1 / 50)
         starts.append((30 * streams.headings.t[0], 50 * streams.velocities.t[0]))
@@ -124,7 +124,7 @@ def test_each_stream_has_its_rate_and_a_phase_of_its_own():
 
 
 def test_there_are_no_headings_where_the_vehicle_stands():
-    streams = simulate(motion.fingers(), np.random.default_rng(0), offset=0.2)
+    streams = simulate(drives.fingers(), np.random.default_rng(0), offset=0.2)
     assert streams.drive.speed(streams.headings.t + 0.2).min() > 0.05
     assert (streams.velocities.speed == 0).any()
 
@@ -191,7 +191,7 @@ def test_drop_outs_lose_their_share():
 def test_gaps_are_intervals_of_body_time_without_samples():
     noise = Noise(gaps=((3.0, 4.0), (10.0, 12.5)))
     streams = simulate(
-        motion.arc(),
+        drives.arc(),
         np.random.default_rng(0),
         offset=0.4,
         heading_noise=noise,
@@ -208,7 +208,7 @@ def test_the_same_seed_gives_the_same_bytes(seed):
     noise = Noise(0.1, rho=0.5, outliers=0.1, flips=0.1, dropout=0.1)
     one, two = (
         simulate(
-            motion.s_curve(), np.random.default_rng(seed), heading_noise=noise, velocity_noise=noise
+            drives.s_curve(), np.random.default_rng(seed), heading_noise=noise, velocity_noise=noise
         )
         for _ in range(2)
     )
@@ -237,12 +237,12 @@ def test_noise_without_a_variance_is_refused(noise):
 
 def test_unusable_drives_are_refused():
     with pytest.raises(InputError, match="fingers need at least one angle"):
-        motion.fingers([])
+        drives.fingers([])
     with pytest.raises(InputError, match="period must be a positive number of seconds"):
-        motion.s_curve(period=0)
+        drives.s_curve(period=0)
     with pytest.raises(InputError, match="side must be a positive number of seconds"):
-        motion.polyline(side=-1)
+        drives.polyline(side=-1)
     with pytest.raises(InputError, match="turn_time must not be negative"):
-        motion.zigzag(turn_time=-0.1)
+        drives.zigzag(turn_time=-0.1)
     with pytest.raises(InputError, match="rate must be a positive number of samples per second"):
-        simulate(motion.arc(), np.random.default_rng(0), heading_rate=0)
+        simulate(drives.arc(), np.random.default_rng(0), heading_rate=0)

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from data_tools import motion
+from data_tools.simulation import drives
+from data_tools.simulation.streams import Noise, simulate
 from evcalib.geometry import unit
 from evcalib.observability import (
     RATE_GATE,
@@ -25,8 +26,8 @@ ONE = np.zeros(5000, dtype=np.int64)
 
 def track_of(drive, seed=0, **noise):
     rng = np.random.default_rng(seed)
-    noise = motion.Noise(**{"sigma": 0.02, **noise})
-    return velocity_track(motion.simulate(drive, rng, velocity_noise=noise).velocities)
+    noise = Noise(**{"sigma": 0.02, **noise})
+    return velocity_track(simulate(drive, rng, velocity_noise=noise).velocities)
 
 
 def z_values(drive, trials=40, **noise):
@@ -37,7 +38,7 @@ def z_values(drive, trials=40, **noise):
 # Heading rate -----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("drive", [motion.straight(), motion.arc()], ids=lambda d: d.kind)
+@pytest.mark.parametrize("drive", [drives.straight(), drives.arc()], ids=lambda d: d.kind)
 @pytest.mark.parametrize("rho", [0.0, 0.8])
 def test_noise_alone_does_not_pass_for_turning(drive, rho):
     """z is about normal for white noise, and rather too low than too high for coloured noise.
@@ -52,19 +53,19 @@ def test_noise_alone_does_not_pass_for_turning(drive, rho):
 
 @pytest.mark.parametrize("degrees", [5, 10, 45])
 def test_an_s_curve_of_five_degrees_passes(degrees):
-    z = z_values(motion.s_curve(amplitude=np.radians(degrees)), trials=20)
+    z = z_values(drives.s_curve(amplitude=np.radians(degrees)), trials=20)
     assert z.min() > RATE_GATE
 
 
 def test_a_straight_drive_without_noise_does_not_turn():
     t = np.arange(0, 20, 0.02)
-    track = velocity_track(VelocitySeries(t, motion.straight(heading=0.3).velocity(t)))
+    track = velocity_track(VelocitySeries(t, drives.straight(heading=0.3).velocity(t)))
     assert heading_rate_test(track, 0, 20) < RATE_GATE
 
 
 def test_an_arc_without_noise_turns_steadily():
     t = np.arange(0, 20, 0.02)
-    track = velocity_track(VelocitySeries(t, motion.arc().velocity(t)))
+    track = velocity_track(VelocitySeries(t, drives.arc().velocity(t)))
     assert heading_rate_test(track, 0, 20) < RATE_GATE
 
 
@@ -80,7 +81,7 @@ def test_only_the_part_that_is_asked_for_counts():
 
 
 def test_a_part_without_samples_or_motion_tells_nothing():
-    track = track_of(motion.s_curve())
+    track = track_of(drives.s_curve())
     assert heading_rate_test(track, 100, 120) == 0.0
     assert heading_rate_test(track, 5.0, 5.5) == 0.0
 
@@ -98,9 +99,9 @@ def test_turning_across_a_gap_is_not_looked_at():
 
 @pytest.mark.parametrize("rho", [0.0, 0.4, 0.8])
 def test_ar1_noise_on_a_smooth_drive_is_measured(rho):
-    noise = motion.Noise(0.03, rho=rho)
-    drive = motion.s_curve(100.0)
-    v = motion.simulate(drive, np.random.default_rng(0), velocity_noise=noise).velocities.v
+    noise = Noise(0.03, rho=rho)
+    drive = drives.s_curve(100.0)
+    v = simulate(drive, np.random.default_rng(0), velocity_noise=noise).velocities.v
     sigma, found = coloured_noise(v, np.zeros(len(v), dtype=np.int64))
     assert found == pytest.approx(rho, abs=0.05)
     np.testing.assert_allclose(sigma[:2], 0.03, rtol=0.15)
@@ -118,14 +119,14 @@ def test_no_noise_has_no_memory():
 
 def test_the_steady_rival_of_an_arc_is_the_arc():
     t = np.arange(0, 20, 0.02)
-    drive = motion.arc(heading=0.5)
+    drive = drives.arc(heading=0.5)
     track = velocity_track(VelocitySeries(t, drive.velocity(t)))
     # Chords over half a second are shorter than the arc by (0.25 * 0.5)^2 / 24 of it.
     np.testing.assert_allclose(steady_turning(track, 0, 20).v, drive.velocity(t), atol=0.01)
 
 
 def test_the_steady_rival_of_an_s_curve_keeps_times_and_speeds():
-    track = track_of(motion.s_curve())
+    track = track_of(drives.s_curve())
     rival = steady_turning(track, 0, 20)
     np.testing.assert_array_equal(rival.t, track.t)
     lengths = [np.linalg.norm(x.v, axis=1) for x in (rival, track)]
@@ -145,7 +146,7 @@ def test_the_steady_rival_turns_each_segment_at_the_common_rate():
 
 
 def spread_of(d, **noise):
-    return direction_spread(d, track_of(motion.straight(), **noise))
+    return direction_spread(d, track_of(drives.straight(), **noise))
 
 
 @pytest.mark.parametrize("degrees", [2, 10])
@@ -209,14 +210,14 @@ def test_axes_have_names(axis, name):
 
 def test_the_test_is_calibrated_at_its_gate():
     """Of 200 straight drives at most 4 pass by chance where 3 standard deviations allow 0.27."""
-    z = z_values(motion.straight(6.0), trials=200)
+    z = z_values(drives.straight(6.0), trials=200)
     assert (z > RATE_GATE).sum() <= stats.binom.ppf(0.9999, 200, stats.norm.sf(RATE_GATE)) + 1
 
 
 # Speed ------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("drive", [motion.straight(), motion.arc()], ids=lambda d: d.kind)
+@pytest.mark.parametrize("drive", [drives.straight(), drives.arc()], ids=lambda d: d.kind)
 @pytest.mark.parametrize("rho", [0.0, 0.8])
 def test_noise_alone_does_not_pass_for_a_change_of_speed(drive, rho):
     """How long noise remembers is known less surely: then one in ten may pass."""
@@ -228,7 +229,7 @@ def test_noise_alone_does_not_pass_for_a_change_of_speed(drive, rho):
 
 
 def test_a_change_of_speed_of_a_few_percent_shows():
-    drive = replace(motion.straight(), speed=lambda t: 1.0 + 0.03 * np.sin(t))
+    drive = replace(drives.straight(), speed=lambda t: 1.0 + 0.03 * np.sin(t))
     assert speed_test(track_of(drive), 0.0, 20.0) > 2 * RATE_GATE
     # Over too short a part nothing shows.
     assert speed_test(track_of(drive), 3.0, 3.5) == 0.0

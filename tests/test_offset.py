@@ -6,7 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from data_tools import motion
+from data_tools.simulation import drives
+from data_tools.simulation.streams import Noise, simulate
 from evcalib import offset as module
 from evcalib.errors import InputError
 from evcalib.geometry import random_rotation, rotation_angle
@@ -30,9 +31,9 @@ seeds = st.integers(0, 10**6)
 def streams(drive=None, seed=0, *, sigma=0.0, sigma_o=0.0, offset=0.2, **more):
     """Return simulated streams and the track of their velocities."""
     rng = np.random.default_rng(seed)
-    noise, velocity_noise = motion.Noise(sigma, **more), motion.Noise(sigma_o)
-    made = motion.simulate(
-        drive or motion.s_curve(10.0, amplitude=1.0, period=5.0),
+    noise, velocity_noise = Noise(sigma, **more), Noise(sigma_o)
+    made = simulate(
+        drive or drives.s_curve(10.0, amplitude=1.0, period=5.0),
         rng,
         offset=offset,
         heading_noise=noise,
@@ -54,7 +55,7 @@ def kernel_input(made, track, weight=None):
 @settings(deadline=None, max_examples=10)
 @given(seeds, st.floats(-0.5, 0.5))
 def test_a_candidates_profile_equals_that_of_the_twin(seed, offset):
-    made, track = streams(motion.s_curve(2.0, period=2.0), seed, sigma=0.1, outliers=0.2)
+    made, track = streams(drives.s_curve(2.0, period=2.0), seed, sigma=0.1, outliers=0.2)
     weight = np.random.default_rng(seed).uniform(0.5, 2, len(made.headings))
     data, sampled = kernel_input(made, track, weight)
     score, total, R = kernel.profile(*data, np.array([offset]), *sampled, WIDE_REACHES)
@@ -68,7 +69,7 @@ def test_a_candidates_profile_equals_that_of_the_twin(seed, offset):
 @settings(deadline=None, max_examples=20)
 @given(seeds)
 def test_the_profiles_rotations_are_never_reflections(seed):
-    made, track = streams(motion.s_curve(2.0), seed, sigma=0.5)
+    made, track = streams(drives.s_curve(2.0), seed, sigma=0.5)
     data, sampled = kernel_input(made, track)
     _, _, R = kernel.profile(*data, candidate_offsets(2.5, 0.1), *sampled, WIDE_REACHES)
     np.testing.assert_allclose(np.linalg.det(R), 1, atol=1e-12)
@@ -90,7 +91,7 @@ def test_moments_are_numpys_weighted_covariances():
 
 
 def test_contrasts_are_means_and_variances_of_score_differences():
-    made, track = streams(motion.s_curve(3.0), sigma=0.1)
+    made, track = streams(drives.s_curve(3.0), sigma=0.1)
     weight = np.random.default_rng(0).uniform(0, 2, len(made.headings))
     weight[::7] = 0
     data, sampled = kernel_input(made, track, weight)
@@ -120,7 +121,7 @@ def naive_scores(made, track, offset, R, reach):
 @pytest.mark.parametrize("method", ["trace", "canonical", "profile"])
 def test_on_an_arc_all_offsets_correlate_fully(method):
     """v_o(t + td) = Rz(omega td) v_o(t); every offset fits, each with its own rotation."""
-    made, track = streams(motion.arc(10.0))
+    made, track = streams(drives.arc(10.0))
     curve = find_offset(made.headings, track, method=method)
     np.testing.assert_allclose(curve.score, 1.0, atol=1e-4)
 
@@ -154,7 +155,7 @@ EXACT = {"profile": 1e-3, "trace": 2e-3, "canonical": 2e-2, "scalar": 5e-3}
 @pytest.mark.parametrize("method", SEARCHES)
 @pytest.mark.parametrize("offset", [-0.4137, 0.0, 0.2518])
 def test_every_method_finds_the_offset_of_a_clean_curve(method, offset):
-    made, track = streams(motion.s_curve(20.0, amplitude=1.0, period=5.0, phase=0.7), offset=offset)
+    made, track = streams(drives.s_curve(20.0, amplitude=1.0, period=5.0, phase=0.7), offset=offset)
     assert find_offset(made.headings, track, method=method).offset == pytest.approx(
         offset, abs=EXACT[method]
     )
@@ -200,14 +201,14 @@ def test_the_speed_of_the_vehicle_does_not_matter(method):
 def test_outliers_and_flips_leave_the_profile_where_it_is():
     """Medians are 2.5 and 3.6 ms (see montecarlo.py); no error is beyond 50 ms."""
     for spoil in ({"outliers": 0.6}, {"flips": 0.4}):
-        drive = motion.s_curve(20.0, amplitude=np.pi / 2, period=5.0)
+        drive = drives.s_curve(20.0, amplitude=np.pi / 2, period=5.0)
         made, track = streams(drive, 1, sigma=0.1, sigma_o=0.02, **spoil)
         assert abs(find_offset(made.headings, track).offset - 0.2) < 0.05
 
 
 def test_headings_over_intervals_are_compared_with_mean_velocities():
     """Stamped at their ends, headings of long intervals are late by half of them; not ours."""
-    drive = motion.s_curve(20.0, amplitude=1.0, period=5.0)
+    drive = drives.s_curve(20.0, amplitude=1.0, period=5.0)
     t = np.arange(1.0, 19.0, 0.05)
     mean = np.mean([drive.velocity(t + s) for s in np.linspace(-0.3, 0.3, 61)], axis=0)
     v = mean / np.linalg.norm(mean, axis=1)[:, None]
@@ -221,7 +222,7 @@ def test_headings_over_intervals_are_compared_with_mean_velocities():
 
 
 def test_the_overlap_is_the_share_that_the_odometry_covers():
-    made, track = streams(motion.s_curve(4.0), offset=0.0)
+    made, track = streams(drives.s_curve(4.0), offset=0.0)
     wide = candidate_offsets(3.0, 0.5)
     _, total, _ = kernel.profile(
         *kernel_input(made, track)[0], wide, *kernel_input(made, track)[1], WIDE_REACHES
@@ -234,7 +235,7 @@ def test_the_overlap_is_the_share_that_the_odometry_covers():
 
 
 def test_candidates_with_little_overlap_are_not_compared():
-    made, track = streams(motion.s_curve(4.0), offset=0.0)
+    made, track = streams(drives.s_curve(4.0), offset=0.0)
     curve = find_offset(made.headings, track, max_offset=3.0)
     np.testing.assert_array_equal(
         np.isfinite(curve.score), curve.overlap >= 0.5 * curve.overlap.max()
@@ -244,10 +245,10 @@ def test_candidates_with_little_overlap_are_not_compared():
 
 def test_a_gap_of_the_odometry_is_never_bridged():
     """With a gap of 2 s in the velocities, headings inside it have no say at any offset."""
-    noise = motion.Noise(gaps=((4.0, 6.0),))
+    noise = Noise(gaps=((4.0, 6.0),))
     rng = np.random.default_rng(0)
-    drive = motion.s_curve(10.0, period=5.0)
-    made = motion.simulate(drive, rng, offset=0.0, velocity_noise=noise)
+    drive = drives.s_curve(10.0, period=5.0)
+    made = simulate(drive, rng, offset=0.0, velocity_noise=noise)
     track = velocity_track(made.velocities)
     inside = (made.headings.t > 5.01) & (made.headings.t < 5.4)
     wild = made.headings.v.copy()
@@ -330,7 +331,7 @@ def test_an_offset_beyond_the_search_is_reported_at_its_edge():
 
 
 def test_a_periodic_drive_has_a_second_peak_as_high_as_the_first():
-    made, track = streams(motion.s_curve(40.0, period=1.6, amplitude=1.0), offset=0.0)
+    made, track = streams(drives.s_curve(40.0, period=1.6, amplitude=1.0), offset=0.0)
     curve = find_offset(made.headings, track, max_offset=2.0)
     assert curve.second_peak_ratio > 0.95
 
@@ -353,7 +354,7 @@ def test_weights_are_as_given_or_from_the_standard_deviations_and_one_on_average
 
 @pytest.mark.parametrize("start", [0.12, 0.2, 0.28])
 def test_refinement_reaches_the_same_peak_from_either_side(start):
-    made, track = streams(motion.s_curve(), sigma=0.05, sigma_o=0.02)
+    made, track = streams(drives.s_curve(), sigma=0.05, sigma_o=0.02)
     refined = refine_offset(made.headings, track, start)
     assert refined.converged
     assert refined.curvature < 0
@@ -379,7 +380,7 @@ def test_an_offset_taken_as_it_is_stays():
 
 
 def test_on_an_arc_every_offset_is_plausible():
-    made, track = streams(motion.arc(), sigma=0.1, sigma_o=0.02)
+    made, track = streams(drives.arc(), sigma=0.1, sigma_o=0.02)
     offsets = candidate_offsets(0.5)
     refined = inliers_at(made.headings, track, 0.2)
     assert plausible_offsets(made.headings, track, offsets, refined).mean() > 0.9
@@ -387,7 +388,7 @@ def test_on_an_arc_every_offset_is_plausible():
 
 def test_on_an_s_curve_only_offsets_near_the_peak_are_plausible():
     """Up to four standard deviations of 10 ms, and the grid."""
-    made, track = streams(motion.s_curve(), sigma=0.1, sigma_o=0.02)
+    made, track = streams(drives.s_curve(), sigma=0.1, sigma_o=0.02)
     offsets = candidate_offsets(1.0)
     refined = refine_offset(made.headings, track, 0.2)
     near = offsets[plausible_offsets(made.headings, track, offsets, refined)]
@@ -397,8 +398,8 @@ def test_on_an_s_curve_only_offsets_near_the_peak_are_plausible():
 
 
 def test_headings_prefer_the_track_they_come_from():
-    made, track = streams(motion.s_curve(), sigma=0.1)
-    _, other = streams(motion.arc())
+    made, track = streams(drives.s_curve(), sigma=0.1)
+    _, other = streams(drives.arc())
     refined = refine_offset(made.headings, track, 0.2)
     assert preference(made.headings, track, other, refined) > 5
     assert preference(made.headings, track, track, refined) == pytest.approx(0, abs=0.5)

@@ -20,7 +20,7 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 EXTRAS = PROJECT["optional-dependencies"]
 OURS = ("formats", "rivals", "distributed", "notebooks")
 """Extras that change what the package can do."""
-FRONT = ("cli", "plots", "widgets", "report", "_html", "_report_text")
+FRONT = ("plots", "widgets", "report", "_html", "_report_text")
 """Modules that read, draw or show; the rest is the library."""
 
 

@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from data_tools.trajectory_files import read_tum, write_tum
+from data_tools.logs.trajectory_files import read_tum, write_tum
 from evcalib.errors import InputError
 from evcalib.poses import PoseSeries
 

@@ -7,14 +7,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from data_tools.motion import s_curve
-from data_tools.scenes import furnished_room
-from data_tools.simulator import FORWARD, Simulator, Trajectory
-from evcalib import Camera, Events, estimate_headings
+from data_tools.simulation.drives import s_curve
+from data_tools.simulation.scenes import furnished_room
+from data_tools.simulation.simulator import FORWARD, Simulator
+from data_tools.simulation.trajectory import Trajectory
 from evcalib import _recording as recording
 from evcalib._matches import MAX_STEPS, Matches
+from evcalib.camera import Camera
+from evcalib.events import Events
 from evcalib.geometry import angle_between
-from evcalib.heading import HeadingEstimator
+from evcalib.heading import HeadingEstimator, estimate_headings
 
 
 def events_at(t):

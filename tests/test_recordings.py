@@ -12,10 +12,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from data_tools import _recording_stages as stages
-from data_tools.formats import Columns, known
-from data_tools.headings import headings_from_files, open_with_camera
+from data_tools.recordings import _stages as stages
 from data_tools.recordings import describe, open_recording
+from data_tools.recordings.formats import Columns, known
+from data_tools.runs.headings import headings_from_files, open_with_camera
 from evcalib.errors import InputError
 
 TEXT = "0.003811 96 133 0\n0.003820 127 171 0\n0.003836 4 160 1\n"

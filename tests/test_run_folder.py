@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 from made_runs import made_run
 
-from data_tools import run_folder
-from data_tools.export import read_calibration
-from data_tools.input_files import input_file
-from data_tools.run_folder import CALIBRATION, MARKER, RunFolder, write_file
-from data_tools.series_files import read_headings, read_velocities
+from data_tools.files.atomic import write_file
+from data_tools.logs.series_files import read_headings, read_velocities
+from data_tools.runs import folder as run_folder
+from data_tools.runs._inputs import input_file
+from data_tools.runs.export import read_calibration
+from data_tools.runs.folder import CALIBRATION, MARKER, RunFolder
 from evcalib.errors import InputError
 
 FILES = {"headings.csv", "velocities.csv", "report.html", CALIBRATION}
@@ -270,7 +271,7 @@ def test_a_read_only_disk_is_told(disk):
 
 VICTIM = """
 import sys, time
-from data_tools.run_folder import RunFolder
+from data_tools.runs.folder import RunFolder
 def slow(path):
     with open(path, "w") as file:
         file.write("half")

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from data_tools.matches import random_matches
-from data_tools.samples import Sample, load_sample, slider_depth, write_sample
+from data_tools.course.samples import Sample, load_sample, slider_depth, write_sample
+from data_tools.simulation.point_matches import random_matches
 from evcalib.camera import Camera
 from evcalib.errors import InputError
 from evcalib.events import Events

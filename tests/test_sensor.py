@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from data_tools.sensor import Sensor, events_from_video
+from data_tools.simulation.sensor import Sensor, events_from_video
 from evcalib.errors import InputError
 
 IDEAL = Sensor(threshold_on=0.25, threshold_off=0.25, mismatch=0.0, refractory=0.0, noise_rate=0.0)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from data_tools.series_files import (
+from data_tools.logs.series_files import (
     read_headings,
     read_paired_rows,
     read_paired_streams,

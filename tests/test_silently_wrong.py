@@ -3,10 +3,14 @@
 import numpy as np
 import pytest
 
-from data_tools import export
-from data_tools.motion import Drive, Noise, arc, s_curve, simulate, zigzag
-from evcalib import HeadingSeries, InputError, align, cli
+from data_tools import cli
+from data_tools.runs import export
+from data_tools.simulation.drives import Drive, arc, s_curve, zigzag
+from data_tools.simulation.streams import Noise, simulate
+from evcalib.calibration import align
+from evcalib.errors import InputError
 from evcalib.geometry import rotation_angle
+from evcalib.series import HeadingSeries
 
 ODOMETRY = Noise(0.02)
 

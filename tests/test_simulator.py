@@ -6,12 +6,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from data_tools import _simulator_kernels as kernels
-from data_tools import _simulator_tiles, motion
-from data_tools.scenes import Scene, dead_leaves, furnished_room
-from data_tools.sensor import Sensor, empty_buffer
-from data_tools.simulator import FORWARD, Simulator, simulate_translation
-from data_tools.trajectory import Trajectory
+from data_tools.simulation import _simulator_kernels as kernels
+from data_tools.simulation import _simulator_tiles, drives
+from data_tools.simulation.scenes import Scene, dead_leaves, furnished_room
+from data_tools.simulation.sensor import Sensor, empty_buffer
+from data_tools.simulation.simulator import FORWARD, Simulator, simulate_translation
+from data_tools.simulation.trajectory import Trajectory
 from evcalib.camera import Camera
 from evcalib.errors import InputError
 
@@ -238,7 +238,7 @@ def test_the_lever_turns_yaw_into_motion():
 
 
 def test_a_drive_arrives_on_the_camera_clock():
-    drive = motion.arc(4.0, radius=1.0, speed=0.5)
+    drive = drives.arc(4.0, radius=1.0, speed=0.5)
     path = Trajectory.of_drive(drive, offset=0.5)
     assert path.t[0] == pytest.approx(0.0, abs=2e-3)
     at = np.array([0.5, 1.5, 3.0])

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from slider_drive import FINGERS, R_BODY_CAM, SPEED, canvas, stitched
 
-from data_tools.camera_files import read_calib_txt
-from data_tools.events_text import load_events_text
+from data_tools.logs.camera_files import read_calib_txt
+from data_tools.recordings.formats.events_text import load_events_text
 from evcalib import calibrate
 from evcalib.geometry import angle_between, rotation_angle
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from data_tools.csv_table import read_columns
+from data_tools.files.csv_table import read_columns
 from evcalib.errors import InputError
 
 

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_hex
 
-from data_tools import motion
+from data_tools.simulation import random_drives
+from data_tools.simulation.streams import Noise
 from data_tools.studies import (
     STUDIES,
     Cell,
@@ -14,7 +15,6 @@ from data_tools.studies import (
     ablations,
     coverage,
     describe,
-    drives,
     measure_cost,
     paper,
     real,
@@ -60,7 +60,7 @@ def test_a_trial_of_the_paper_is_each_method_called_on_the_same_streams():
     parameters = study("drives", motions=["s-curve"]).cells[2].parameters
     rows = {row["method"]: row for row in paper.trial(parameters, seeded())}
     assert list(rows) == list(METHODS)
-    made = drives.streams(parameters, np.random.default_rng(seeded()))
+    made = random_drives.streams(parameters, np.random.default_rng(seeded()))
     assert abs(made.offset) <= 0.5
     ours = align(made.headings, made.velocities)
     assert rows["ours"]["offset_error_s"] == ours.offset - made.offset
@@ -122,12 +122,13 @@ def test_real_trials_give_the_same_file_in_two_processes(tmp_path):
     ],
 )
 def test_drives_come_from_plain_parameters(parameters, kind):
-    assert drives.drive(parameters, np.random.default_rng(0)).kind == kind
+    assert random_drives.drive(parameters, np.random.default_rng(0)).kind == kind
 
 
 def test_drives_turn_as_they_are_told():
     def angles(parameters, t):
-        angle = drives.drive(parameters, np.random.default_rng(3)).angle(np.array(t, dtype=float))
+        drive = random_drives.drive(parameters, np.random.default_rng(3))
+        angle = drive.angle(np.array(t, dtype=float))
         return np.degrees(np.unwrap(angle))
 
     rate = np.diff(angles({"motion": "arc", "radius_m": 4.0}, [0, 1]))[0]
@@ -136,17 +137,17 @@ def test_drives_turn_as_they_are_told():
     swing = angles({"motion": "s-curve", "swing_deg": 20.0}, np.linspace(0, 8, 4000))
     assert np.ptp(swing) == pytest.approx(40, abs=1e-3)
     with pytest.raises(InputError, match="motion must be one of straight"):
-        drives.drive({"motion": "walk"}, np.random.default_rng(0))
+        random_drives.drive({"motion": "walk"}, np.random.default_rng(0))
 
 
 def test_noise_is_written_down_as_what_differs_from_none():
-    assert drives.noise(0.1) == {"sigma": 0.1}
-    assert motion.Noise(**drives.noise(0.1, rho=0.8)) == motion.Noise(0.1, rho=0.8)
+    assert random_drives.noise(0.1) == {"sigma": 0.1}
+    assert Noise(**random_drives.noise(0.1, rho=0.8)) == Noise(0.1, rho=0.8)
 
 
 def test_the_default_of_the_ablations_is_the_default_of_align():
     parameters = study("ablations").cells[0].parameters
-    made = drives.streams(parameters, np.random.default_rng(seeded(1)))
+    made = random_drives.streams(parameters, np.random.default_rng(seeded(1)))
     found = align(made.headings, made.velocities)
     offset, R = ablations.estimate(made.headings, made.velocities, ablations.Choices())
     assert found.offset_observable
@@ -179,7 +180,7 @@ def test_each_interpolation_goes_through_the_samples_and_slerp_along_circles():
 def test_a_trial_of_the_coverage_study_is_one_alignment():
     cell = next(c for c in study("coverage").cells if c.group == "white 0.1")
     (row,) = coverage.trial(cell.parameters, seeded())
-    made = drives.streams(cell.parameters, np.random.default_rng(seeded()))
+    made = random_drives.streams(cell.parameters, np.random.default_rng(seeded()))
     found = align(made.headings, made.velocities)
     low, high = found.offset_interval
     assert row["offset_error_s"] == found.offset - made.offset

@@ -7,7 +7,7 @@ from study_trials import SEED, TRIALS, run
 
 import evcalib
 from data_tools.studies import Study, load_study
-from data_tools.studies._model import run_trials, seed_of
+from data_tools.studies._engine.study import run_trials, seed_of
 from evcalib.errors import EvcalibError, InputError
 
 
@@ -172,7 +172,7 @@ def test_files_that_are_no_studies_are_refused(tmp_path):
 
 
 def test_two_runs_in_one_folder_are_refused(tmp_path):
-    from data_tools.studies._journal import Journal
+    from data_tools.studies._engine.journal import Journal
 
     study = study_trials.study()
     journal = Journal(tmp_path / "small.journal", study.identity(TRIALS, SEED))
@@ -195,9 +195,10 @@ def test_a_trial_that_raises_is_a_failure_with_its_reason(tmp_path):
 
 def test_a_scheduler_that_cannot_be_reached_is_reported(tmp_path, monkeypatch):
     pytest.importorskip("distributed")
-    from data_tools.studies import _pools
 
-    monkeypatch.setattr(_pools, "CONNECT", 0.2)
+    from data_tools.studies._engine import pools
+
+    monkeypatch.setattr(pools, "CONNECT", 0.2)
     for address in ("tcp://127.0.0.1:9", "nonsense://x", "127.0.0.1:port"):
         with pytest.raises(InputError, match="cannot be reached"):
             run(tmp_path, scheduler=address)

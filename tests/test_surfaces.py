@@ -13,16 +13,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from surface_streams import random_events, rows, size, streams
 
-from evcalib.events import MAX_TIME_US, Events
-from evcalib.surfaces import (
-    SURFACES,
-    TosTs,
-    dist,
-    silc,
-    time_surface,
-    tos,
-    tos_ts,
-)
+from evcalib._event_columns import MAX_TIME_US
+from evcalib.events import Events
+from evcalib.surfaces import SURFACES
+from evcalib.surfaces._dist import dist
+from evcalib.surfaces._ordinal import silc, tos
+from evcalib.surfaces._time import time_surface
+from evcalib.surfaces._tos_ts import TosTs, tos_ts
 
 
 def split(twin, events):
@@ -99,7 +96,7 @@ def test_streaming_equals_one_call(name, events, cuts):
 
 
 def test_surfaces_equal_their_twins_on_a_real_recording(data):
-    from data_tools.events_text import read_events_text
+    from data_tools.recordings.formats.events_text import read_events_text
 
     path = data / "slider_depth" / "events.txt.gz"
     events = next(read_events_text(path, 240, 180))[100_000:104_000]

@@ -6,7 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from data_tools import motion
+from data_tools.simulation import drives
+from data_tools.simulation.streams import Noise, simulate
 from evcalib.errors import InputError
 from evcalib.kernels import track as kernel
 from evcalib.series import HeadingSeries, VelocitySeries
@@ -192,16 +193,16 @@ def test_rebuilding_a_track_on_its_own_velocities_changes_nothing():
 
 def test_smoothing_leaves_a_clean_curve_alone():
     """Second differences of a clean S-curve are a "noise" of 1e-4; no more may be changed."""
-    drive = motion.s_curve(20.0)
+    drive = drives.s_curve(20.0)
     t = np.arange(0, 20, 0.02)
     smoothed = velocity_track(VelocitySeries(t, drive.velocity(t))).v
     np.testing.assert_allclose(smoothed, drive.velocity(t), atol=1e-3)
 
 
 def test_smoothing_takes_most_of_the_noise_from_a_smooth_drive():
-    drive, rng = motion.s_curve(60.0), np.random.default_rng(0)
-    noise = motion.Noise(0.05)
-    v = motion.simulate(drive, rng, velocity_noise=noise).velocities
+    drive, rng = drives.s_curve(60.0), np.random.default_rng(0)
+    noise = Noise(0.05)
+    v = simulate(drive, rng, velocity_noise=noise).velocities
     error = velocity_track(v).v - drive.velocity(v.t)
     # A parabola over 1.6 s at 50 Hz leaves 9 / (4 * 81) of the variance: a sixth of the sigma.
     assert error[:, :2].std() < 0.05 / 4
@@ -209,8 +210,8 @@ def test_smoothing_takes_most_of_the_noise_from_a_smooth_drive():
 
 def test_smoothing_keeps_instant_turns_sharp():
     """Beyond 0.1 s from a turn of 45 degrees no direction may be off by more than 5 degrees."""
-    drive, rng = motion.polyline(30.0), np.random.default_rng(0)
-    v = motion.simulate(drive, rng, velocity_noise=motion.Noise(0.02)).velocities
+    drive, rng = drives.polyline(30.0), np.random.default_rng(0)
+    v = simulate(drive, rng, velocity_noise=Noise(0.02)).velocities
     track = velocity_track(v)
     t = np.arange(0.1, 29.9, 0.01)
     t = t[np.abs((t + 1.5) % 3.0 - 1.5) > 0.1]
@@ -231,7 +232,7 @@ def test_smoothing_does_not_reach_across_a_gap():
 
 
 def test_second_differences_give_the_white_noise_of_a_smooth_drive():
-    drive, rng = motion.s_curve(100.0), np.random.default_rng(0)
+    drive, rng = drives.s_curve(100.0), np.random.default_rng(0)
     v = drive.velocity(np.arange(0, 100, 0.02)) + [0.02, 0.05, 0.1] * rng.standard_normal((5000, 3))
     found = white_noise(v, np.zeros(5000, dtype=np.int64))
     # Second differences are correlated: 5000 of them are worth 36 / 70 as many.

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from evcalib._correspondences import CorrespondenceKeeper, Correspondences
-from evcalib._heading_fit import Matches
+from evcalib._matches import Matches
 from evcalib.geometry import unit
 from evcalib.tracks import Tracks, tracks_of
 

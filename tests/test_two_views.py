@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from data_tools.matches import random_matches
-from data_tools.samples import load_sample
+from data_tools.course.samples import load_sample
+from data_tools.simulation.point_matches import random_matches
 from evcalib.camera import Camera
 from evcalib.errors import InputError
 from evcalib.features import match

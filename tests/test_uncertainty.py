@@ -7,7 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from data_tools import motion
+from data_tools.simulation import drives
+from data_tools.simulation.streams import Noise, simulate
 from evcalib.bootstrap import bootstrap
 from evcalib.kernels import noise as kernel
 from evcalib.refinement import refine_offset
@@ -271,9 +272,7 @@ def test_the_offsets_quantile_is_students():
 
 def bootstrapped(seed, drive=None, noise=None):
     rng = np.random.default_rng(7)
-    made = motion.simulate(
-        drive or motion.s_curve(), rng, offset=0.1, heading_noise=motion.Noise(0.1)
-    )
+    made = simulate(drive or drives.s_curve(), rng, offset=0.1, heading_noise=Noise(0.1))
     track = velocity_track(made.velocities)
     refined = refine_offset(made.headings, track, 0.1)
     model = noise or NoiseModel(0.0, 1.0)
@@ -297,7 +296,7 @@ def test_the_same_seed_gives_the_same_bootstrap():
 
 def test_resampled_offsets_scatter_about_zero_with_the_rotation_of_the_arc():
     """On an arc a resampled offset is a turn at the arc's rate: full correlation."""
-    joint, _ = bootstrapped(3, motion.arc(radius=2.0))
+    joint, _ = bootstrapped(3, drives.arc(radius=2.0))
     correlation = joint[2, 3] / np.sqrt(joint[2, 2] * joint[3, 3])
     assert abs(correlation) > 0.9
     assert np.sqrt(joint[3, 3]) > 0.03
@@ -305,7 +304,7 @@ def test_resampled_offsets_scatter_about_zero_with_the_rotation_of_the_arc():
 
 def test_one_block_of_headings_is_not_resampled_into_nothing():
     rng = np.random.default_rng(0)
-    made = motion.simulate(motion.s_curve(), rng, offset=0.0, heading_noise=motion.Noise(0.05))
+    made = simulate(drives.s_curve(), rng, offset=0.0, heading_noise=Noise(0.05))
     track = velocity_track(made.velocities)
     part = made.headings.select(np.abs(made.headings.t - 4) < 1)
     assert isinstance(part, HeadingSeries)

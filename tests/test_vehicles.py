@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from data_tools.vehicles import read_vehicle, write_vehicle
+from data_tools.logs.vehicle_files import read_vehicle, write_vehicle
 from evcalib.errors import InputError
 from evcalib.kinematics import Mecanum, Omni, OmniWheel, Swerve, Wheel
 

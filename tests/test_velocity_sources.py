@@ -6,10 +6,10 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from data_tools.column_maps import column_map
-from data_tools.vehicles import write_vehicle
-from data_tools.velocity_sources import read_body_velocities
-from data_tools.wheel_logs import read_wheel_log
+from data_tools.logs.column_maps import column_map
+from data_tools.logs.vehicle_files import write_vehicle
+from data_tools.logs.velocity_sources import read_body_velocities
+from data_tools.logs.wheel_logs import read_wheel_log
 from evcalib.errors import InputError
 from evcalib.kinematics import Mecanum, Swerve, Wheel
 

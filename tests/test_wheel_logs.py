@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from data_tools.vehicles import write_vehicle
-from data_tools.wheel_logs import read_wheel_log, velocities_from_files, write_wheel_log
+from data_tools.logs.vehicle_files import write_vehicle
+from data_tools.logs.wheel_logs import read_wheel_log, velocities_from_files, write_wheel_log
 from evcalib.errors import InputError
 from evcalib.kinematics import Mecanum, Swerve, Wheel, WheelLog, WheelStates
 

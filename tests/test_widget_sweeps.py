@@ -12,10 +12,10 @@ import pytest
 from widget_sweep import controls, name, shown, sweep
 
 import evcalib.widgets
-from data_tools.baseline_runs import reckoned_poses
-from data_tools.motion import Noise, arc, fingers, s_curve, simulate, straight
-from data_tools.plans import PLANS
-from evcalib import align
+from data_tools.simulation.drives import PLANS, arc, fingers, s_curve, straight
+from data_tools.simulation.streams import Noise, simulate
+from data_tools.studies.baseline_runs import reckoned_poses
+from evcalib.calibration import align
 from evcalib.camera import Camera
 from evcalib.events import Events
 from evcalib.geometry import unit

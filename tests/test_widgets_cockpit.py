@@ -8,8 +8,9 @@ import matplotlib.image
 import numpy as np
 import pytest
 
-from data_tools.motion import Noise, fingers, s_curve, simulate
-from evcalib import align
+from data_tools.simulation.drives import fingers, s_curve
+from data_tools.simulation.streams import Noise, simulate
+from evcalib.calibration import align
 from evcalib.errors import InputError
 from evcalib.geometry import LOOKS_FORWARD, rotation_angle, rpy_to_matrix
 from evcalib.refinement import inliers_at

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from data_tools.plans import PLANS
+from data_tools.simulation.drives import PLANS
 from evcalib.errors import InputError
 from evcalib.widgets.designer import FIRST_POINTS, OWN, PAD, DriveDesigner
 

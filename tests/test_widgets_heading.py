@@ -10,13 +10,13 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from data_tools.matches import random_matches
-from data_tools.samples import load_sample
+from data_tools.course.samples import load_sample
+from data_tools.simulation.point_matches import random_matches
 from evcalib.camera import Camera
 from evcalib.errors import InputError
 from evcalib.events import Events
 from evcalib.plots.heading import draw_offsets
-from evcalib.surfaces import tos_ts
+from evcalib.surfaces._tos_ts import tos_ts
 from evcalib.two_views import Pairs, keypoints_at, matched
 from evcalib.widgets import heading as module
 from evcalib.widgets.heading import HeadingPanel

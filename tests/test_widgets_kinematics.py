@@ -9,12 +9,12 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from data_tools.motion import dead_reckon
+from data_tools.simulation.streams import dead_reckon
 from evcalib.kinematics import Swerve, Wheel
 from evcalib.plots.kinematics import _placed, draw_travel
 from evcalib.series import VelocitySeries
-from evcalib.widgets import SwervePanel
 from evcalib.widgets import kinematics as module
+from evcalib.widgets.kinematics import SwervePanel
 
 PLACES = {"fl": (0.3, 0.25), "fr": (0.3, -0.25), "rl": (-0.3, 0.25), "rr": (-0.3, -0.25)}
 CORNERS = Swerve(tuple(Wheel(name, *place) for name, place in PLACES.items()))

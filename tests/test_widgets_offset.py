@@ -7,7 +7,8 @@ import matplotlib.image
 import numpy as np
 import pytest
 
-from data_tools.motion import Noise, arc, s_curve, simulate, straight, zigzag
+from data_tools.simulation.drives import arc, s_curve, straight, zigzag
+from data_tools.simulation.streams import Noise, simulate
 from evcalib.errors import InputError
 from evcalib.widgets.offset import MAX_NOISE, OffsetPanel
 

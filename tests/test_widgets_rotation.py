@@ -9,7 +9,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from data_tools.motion import Noise, s_curve, simulate
+from data_tools.simulation.drives import s_curve
+from data_tools.simulation.streams import Noise, simulate
 from evcalib.errors import InputError
 from evcalib.geometry import unit
 from evcalib.plots.rotation import TOP, draw_map, draw_weights

@@ -16,11 +16,15 @@ from typing import Any
 
 import numpy as np
 
-from data_tools import motion
-from data_tools.sighting_drives import Fault, sight
-from data_tools.sightings import Corners
-from evcalib import Calibration, Camera, HeadingSeries, align
+from data_tools.simulation.drives import Drive, arc, fingers, polyline, s_curve, straight, zigzag
+from data_tools.simulation.streams import Noise, SyntheticStreams, simulate
+from data_tools.studies.sighting_drives import Fault, sight
+from data_tools.studies.sightings import Corners
+from evcalib.calibration import align
+from evcalib.camera import Camera
 from evcalib.geometry import random_rotation
+from evcalib.results import Calibration
+from evcalib.series import HeadingSeries
 
 STORED = Path(__file__).with_suffix(".json")
 CAMERA = Camera(240, 180, 150.0, 150.0, 119.5, 89.5)
@@ -28,24 +32,24 @@ MOST = 12
 """Longer arrays are told by some of their values."""
 
 
-def streams(drive: motion.Drive, seed: int, **noise: Any) -> motion.SyntheticStreams:
-    return motion.simulate(
+def streams(drive: Drive, seed: int, **noise: Any) -> SyntheticStreams:
+    return simulate(
         drive,
         np.random.default_rng(seed),
         offset=0.17,
-        heading_noise=motion.Noise(**{"sigma": 0.03, "outliers": 0.15, **noise}),
-        velocity_noise=motion.Noise(0.015),
+        heading_noise=Noise(**{"sigma": 0.03, "outliers": 0.15, **noise}),
+        velocity_noise=Noise(0.015),
     )
 
 
-def aligned(drive: motion.Drive, seed: int = 1, noise: Any = None, **options: Any) -> Calibration:
+def aligned(drive: Drive, seed: int = 1, noise: Any = None, **options: Any) -> Calibration:
     made = streams(drive, seed, **(noise or {}))
     return align(made.headings, made.velocities, **options)
 
 
 def with_intervals() -> Calibration:
     """Headings that are means over intervals, each with its own standard deviation."""
-    made = streams(motion.s_curve(12.0, period=5.0), 4)
+    made = streams(s_curve(12.0, period=5.0), 4)
     t, rng = made.headings.t, np.random.default_rng(7)
     sd = rng.uniform(0.01, 0.06, t.size)
     told = HeadingSeries(t, made.headings.v, t_start=t - 0.1, t_end=t + 0.15, sd=sd)
@@ -54,9 +58,9 @@ def with_intervals() -> Calibration:
 
 def refined(kind: str, seed: int, corners: Corners, **options: Any) -> Calibration:
     drives = {
-        "s": lambda: replace(motion.s_curve(9.0, amplitude=1.1, period=4.5), speed=_swinging),
-        "zigzag": lambda: motion.zigzag(9.0, side=2.0, turn=np.pi / 2, turn_time=0.3),
-        "straight": lambda: motion.straight(9.0),
+        "s": lambda: replace(s_curve(9.0, amplitude=1.1, period=4.5), speed=_swinging),
+        "zigzag": lambda: zigzag(9.0, side=2.0, turn=np.pi / 2, turn_time=0.3),
+        "straight": lambda: straight(9.0),
     }
     rng = np.random.default_rng(seed)
     made = sight(
@@ -78,24 +82,24 @@ def _swinging(t: np.ndarray) -> np.ndarray:
 NOISY = Corners(count=8, noise=0.25, false=0.15)
 
 CASES: dict[str, Callable[[], Calibration]] = {
-    "s-curve": lambda: aligned(motion.s_curve(15.0)),
+    "s-curve": lambda: aligned(s_curve(15.0)),
     "s-curve, half of them outliers": lambda: aligned(
-        motion.s_curve(15.0), 2, {"outliers": 0.5, "cluster": True, "flips": 0.1}
+        s_curve(15.0), 2, {"outliers": 0.5, "cluster": True, "flips": 0.1}
     ),
     "coloured, gaps": lambda: aligned(
-        motion.s_curve(15.0, period=6.0), 3, {"rho": 0.7, "gaps": ((4.0, 5.5),), "dropout": 0.2}
+        s_curve(15.0, period=6.0), 3, {"rho": 0.7, "gaps": ((4.0, 5.5),), "dropout": 0.2}
     ),
-    "instant turns": lambda: aligned(motion.polyline(16.0), 5),
-    "turns that take their time": lambda: aligned(motion.zigzag(16.0, turn_time=0.6), 6),
-    "fingers": lambda: aligned(motion.fingers(), 8),
-    "arc": lambda: aligned(motion.arc(12.0), 9),
-    "straight": lambda: aligned(motion.straight(8.0), 10),
-    "straight, offset given": lambda: aligned(motion.straight(8.0), 10, offset=0.2),
-    "narrow search": lambda: aligned(motion.s_curve(12.0), 11, max_offset=0.25),
+    "instant turns": lambda: aligned(polyline(16.0), 5),
+    "turns that take their time": lambda: aligned(zigzag(16.0, turn_time=0.6), 6),
+    "fingers": lambda: aligned(fingers(), 8),
+    "arc": lambda: aligned(arc(12.0), 9),
+    "straight": lambda: aligned(straight(8.0), 10),
+    "straight, offset given": lambda: aligned(straight(8.0), 10, offset=0.2),
+    "narrow search": lambda: aligned(s_curve(12.0), 11, max_offset=0.25),
     "intervals": with_intervals,
     **{
         f"{offset} and {rotation}": lambda offset=offset, rotation=rotation: aligned(
-            motion.s_curve(10.0, period=4.0),
+            s_curve(10.0, period=4.0),
             12,
             {"outliers": 0.05},
             offset_method=offset,

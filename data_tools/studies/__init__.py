@@ -13,17 +13,17 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from data_tools.studies._engine import run
-from data_tools.studies._model import Cell, Study
-from data_tools.studies._report import Cost, describe, measure_cost, write_summary
-from data_tools.studies._result import StudyResult, Summary, load_study
-from data_tools.studies._short import (
+from data_tools.studies._engine.report import Cost, describe, measure_cost, write_summary
+from data_tools.studies._engine.result import StudyResult, Summary, load_study
+from data_tools.studies._engine.run import run
+from data_tools.studies._engine.short import (
     load_short,
     median_ratio,
     medians,
     scratch_study,
     short_lines,
 )
+from data_tools.studies._engine.study import Cell, Study
 from evcalib import _check
 
 __all__ = [

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import CubicSpline, PchipInterpolator
 
-from data_tools.studies._model import Cell, Row, Study
-from data_tools.studies.drives import noise, streams
+from data_tools.simulation.random_drives import noise, streams
+from data_tools.studies._engine.study import Cell, Row, Study
 from evcalib.errors import EvcalibError
 from evcalib.geometry import rotation_angle
 from evcalib.offset import find_offset

@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from data_tools.sighting_drives import sight
-from data_tools.sightings import Corners
-from data_tools.studies import _campaign_draws as draws
-from data_tools.studies._model import Cell, Row, Study
-from data_tools.studies._result import StudyResult
+from data_tools.studies import _campaign_faults as draws
+from data_tools.studies._engine.result import StudyResult
+from data_tools.studies._engine.study import Cell, Row, Study
+from data_tools.studies.sighting_drives import sight
+from data_tools.studies.sightings import Corners
 from evcalib.errors import InputError
 from evcalib.geometry import random_rotation, rotation_angle
 from evcalib.results import Calibration

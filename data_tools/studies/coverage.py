@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from data_tools import motion
-from data_tools.studies import drives
-from data_tools.studies._model import Cell, Row, Study
+from data_tools.simulation import random_drives
+from data_tools.simulation.streams import SyntheticStreams
+from data_tools.studies._engine.study import Cell, Row, Study
 from evcalib.calibration import align
 from evcalib.geometry import rotation_angle
 
@@ -23,7 +23,7 @@ ODOMETRY_NOISE = 0.02
 def _case(name: str, noise: dict[str, Any], course: Mapping[str, Any], **more: Any) -> Cell:
     parameters = {
         "heading_noise": noise,
-        "velocity_noise": drives.noise(ODOMETRY_NOISE),
+        "velocity_noise": random_drives.noise(ODOMETRY_NOISE),
         "method": "profile",
         "given": False,
         "max_offset": 1.0,
@@ -33,7 +33,7 @@ def _case(name: str, noise: dict[str, Any], course: Mapping[str, Any], **more: A
     return Cell(name, parameters)
 
 
-white = drives.noise
+white = random_drives.noise
 CURVE = {"motion": "s-curve", "swing_deg": 45.0, "period_s": 8.0}
 """The usual drive."""
 LIVELY = {"motion": "s-curve", "swing_deg": 90.0, "period_s": 5.0}
@@ -80,7 +80,7 @@ def trial(parameters: Mapping[str, Any], seed: np.random.SeedSequence) -> list[R
 
 def outcome(parameters: Mapping[str, Any], rng: np.random.Generator) -> Row:
     """Return the row of one drive."""
-    made = drives.streams(parameters, rng)
+    made = random_drives.streams(parameters, rng)
     found = align(
         made.headings,
         made.velocities,
@@ -103,7 +103,7 @@ def outcome(parameters: Mapping[str, Any], rng: np.random.Generator) -> Row:
     }
 
 
-def cramer_rao(made: motion.SyntheticStreams, sigma: float) -> float:
+def cramer_rao(made: SyntheticStreams, sigma: float) -> float:
     """Return the Cramer-Rao bound on the offset's standard deviation [s], for small white noise.
 
     Var = (sigma_e^2 / rate_e + sigma_o^2 / rate_o) / integral of (omega - mean omega)^2 dt: noise
@@ -111,6 +111,6 @@ def cramer_rao(made: motion.SyntheticStreams, sigma: float) -> float:
     """
     t, half = made.headings.t + made.offset, 1e-4
     rate = (made.drive.angle(t + half) - made.drive.angle(t - half)) / (2 * half)
-    information = np.sum((rate - rate.mean()) ** 2) / drives.HEADING_RATE
-    noise = sigma**2 / drives.HEADING_RATE + ODOMETRY_NOISE**2 / drives.VELOCITY_RATE
+    information = np.sum((rate - rate.mean()) ** 2) / random_drives.HEADING_RATE
+    noise = sigma**2 / random_drives.HEADING_RATE + ODOMETRY_NOISE**2 / random_drives.VELOCITY_RATE
     return float(np.sqrt(noise / max(information, 1e-12)))

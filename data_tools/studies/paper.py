@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from data_tools.motion import SyntheticStreams
-from data_tools.studies._model import Cell, Row, Study
-from data_tools.studies.drives import noise, streams
+from data_tools.simulation.random_drives import noise, streams
+from data_tools.simulation.streams import SyntheticStreams
+from data_tools.studies._engine.study import Cell, Row, Study
 from evcalib.errors import EvcalibError
 from evcalib.geometry import rotation_angle
 
@@ -51,8 +51,8 @@ def study(
     methods : sequence of str, optional
         Keys of :data:`evcalib.baselines.METHODS`; all if not given.
     heading_noise, velocity_noise : dict, optional
-        Attributes of :class:`data_tools.motion.Noise`; standard deviations of 0.1 and 0.02 if not
-        given.
+        Attributes of :class:`data_tools.simulation.streams.Noise`; standard deviations of 0.1 and
+        0.02 if not given.
     max_offset : float
         Offsets from -max_offset to max_offset [s] are searched; true ones lie within +-0.5 s.
     """
@@ -94,8 +94,9 @@ def trial(parameters: Mapping[str, Any], seed: np.random.SeedSequence) -> list[R
 
 
 def _row(name: str, made: SyntheticStreams, max_offset: float, seed: int) -> Row:
-    from data_tools.baseline_runs import reckoned_poses
-    from evcalib.baselines import TRAJECTORY_METHODS, RivalInput, calibrate_with
+    from data_tools.studies.baseline_runs import reckoned_poses
+    from evcalib.baselines import TRAJECTORY_METHODS, calibrate_with
+    from evcalib.baselines.rival import RivalInput
 
     try:
         given = RivalInput(made.headings, made.velocities)

@@ -18,8 +18,8 @@ from typing import Any
 
 import numpy as np
 
-from data_tools.series_files import read_paired_rows, read_paired_streams
-from data_tools.studies._model import Cell, Row, Study
+from data_tools.logs.series_files import read_paired_rows, read_paired_streams
+from data_tools.studies._engine.study import Cell, Row, Study
 from evcalib.authors import with_alignment, without_alignment
 from evcalib.calibration import align
 from evcalib.errors import EvcalibError, InputError
@@ -87,7 +87,8 @@ def _ours(found: Any) -> Row:
 
 
 def _rival(name: str, headings: Any, velocities: Any) -> Row:
-    from evcalib.baselines import RivalInput, calibrate_with
+    from evcalib.baselines import calibrate_with
+    from evcalib.baselines.rival import RivalInput
 
     try:
         return _row(name, calibrate_with(name, RivalInput(headings, velocities)))
@@ -106,6 +107,6 @@ def _file(count: int) -> str:
 
 def _fetched() -> Path:
     """Return the folder of the fetched files."""
-    from data_tools.datasets import fetch
+    from data_tools.files.datasets import fetch
 
     return fetch("paper-data")

@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from data_tools.calibrate_files import MAX_YAW_RATE
-from data_tools.recorded_drive import ROUGH, VEHICLE, Disturbances, record_drive
-from data_tools.studies._model import Cell, Row, Study
+from data_tools.runs.calibrate import MAX_YAW_RATE
+from data_tools.simulation.recorded_drive import ROUGH, VEHICLE, Disturbances, record_drive
+from data_tools.studies._engine.study import Cell, Row, Study
 from evcalib.geometry import rotation_angle
 from evcalib.kinematics import body_velocities
 from evcalib.pipeline import calibrate
@@ -26,7 +26,8 @@ CELLS = (
     Cell("straight", {"motion": "straight", "rough": False}),
     Cell("arc", {"motion": "arc", "rough": False}),
 )
-"""Rough: noisy pixels, slipping wheels, a body that turns; see `data_tools.recorded_drive`."""
+"""Rough: noisy pixels, slipping wheels, a body that turns
+(`data_tools.simulation.recorded_drive`)."""
 
 
 def study() -> Study:

@@ -62,8 +62,8 @@ class RivalInput:
             which = "camera_poses" if self.camera_poses is None else "body_poses"
             raise InputError(
                 f"{method} aligns trajectories and needs {which}: read one from a TUM file"
-                " (data_tools.trajectory_files.read_tum) or reckon one from the streams"
-                " (data_tools.baseline_runs.reckoned_poses)"
+                " (data_tools.logs.trajectory_files.read_tum) or reckon one from the streams"
+                " (data_tools.studies.baseline_runs.reckoned_poses)"
             )
         return self.camera_poses, self.body_poses
 

@@ -8,7 +8,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from evcalib.heading import EventRate, HeadingEstimate, Snapshot
+from evcalib._heading_result import HeadingEstimate
+from evcalib._recording import EventRate, Snapshot
 from evcalib.plots import style
 from evcalib.plots.events import draw_surface
 from evcalib.plots.heading import draw_strokes

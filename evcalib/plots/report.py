@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from matplotlib.figure import Figure
 
-from evcalib.heading import Snapshot
+from evcalib._recording import Snapshot
 from evcalib.plots import style
 from evcalib.plots.alignment import alignment_figures, draw_unaligned
 from evcalib.plots.recording import (

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from evcalib.baselines import RivalInput
+from evcalib.baselines.rival import RivalInput
 from evcalib.plots import style
 from evcalib.plots.studies import colour_of
 from evcalib.poses import PoseSeries

@@ -6,8 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evcalib import _check, _event_columns
+from evcalib._event_columns import MAX_TIME_US
 from evcalib.errors import InputError
-from evcalib.events import MAX_TIME_US, Events
+from evcalib.events import Events
 from evcalib.kernels.time_surface import NEVER
 
 LARGEST_PATCH = 31

@@ -7,8 +7,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from evcalib._event_columns import MAX_TIME_US
 from evcalib.errors import InputError
-from evcalib.events import MAX_TIME_US, Events
+from evcalib.events import Events
 from evcalib.kernels.time_surface import keep_young
 from evcalib.surfaces._base import Surface, render_once
 from evcalib.surfaces._ordinal import Tos

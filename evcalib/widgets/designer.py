@@ -50,7 +50,7 @@ PAD = {
 
 
 class Course(Protocol):
-    """A drive that is exact at any time (as of `data_tools.motion`)."""
+    """A drive that is exact at any time (as of `data_tools.simulation.streams`)."""
 
     duration: float
 

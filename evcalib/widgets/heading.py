@@ -34,7 +34,7 @@ SOLVERS = {"two points": two_point, "five points": five_point}
 
 
 class Recording(Protocol):
-    """A straight motion with known heading (as of `data_tools.samples`)."""
+    """A straight motion with known heading (as of `data_tools.course.samples`)."""
 
     @property
     def events(self) -> Events: ...  # noqa: D102

@@ -9,12 +9,13 @@ from typing import Protocol
 import ipywidgets as widgets
 import numpy as np
 
-from evcalib.calibration import Calibration, align
+from evcalib.calibration import align
 from evcalib.errors import InputError
 from evcalib.offset import OffsetCurve, find_offset
 from evcalib.plots import style
 from evcalib.plots.offset import draw_search
 from evcalib.refinement import inliers_at
+from evcalib.results import Calibration
 from evcalib.series import HeadingSeries, VelocitySeries
 from evcalib.track import velocity_track
 from evcalib.widgets._parts import Panel, bare_figure, encode, pixels, slider, wipe
@@ -28,7 +29,7 @@ STRIDE = 5
 
 
 class Streams(Protocol):
-    """Two streams of one drive with the true offset (as of `data_tools.motion.simulate`)."""
+    """Two streams of one drive with the true offset (`data_tools.simulation.streams.simulate`)."""
 
     @property
     def headings(self) -> HeadingSeries: ...  # noqa: D102

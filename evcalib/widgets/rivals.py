@@ -10,7 +10,8 @@ import ipywidgets as widgets
 import numpy as np
 from numpy.typing import NDArray
 
-from evcalib.baselines import METHODS, RivalInput, calibrate_with
+from evcalib.baselines import METHODS, calibrate_with
+from evcalib.baselines.rival import RivalInput
 from evcalib.errors import EvcalibError, InputError
 from evcalib.geometry import rotation_angle
 from evcalib.plots import style

@@ -28,7 +28,7 @@ CAPTION = 20
 
 
 class Recording(Protocol):
-    """Events, and pictures of the same path (as of `data_tools.samples`)."""
+    """Events, and pictures of the same path (as of `data_tools.course.samples`)."""
 
     @property
     def events(self) -> Events: ...  # noqa: D102

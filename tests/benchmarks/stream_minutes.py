@@ -20,9 +20,12 @@ from pathlib import Path
 
 import numpy as np
 
-from data_tools.recorded_drive import RecordedDrive, record_drive
-from evcalib import Camera, Events, VelocitySeries, calibrate
+from data_tools.simulation.recorded_drive import RecordedDrive, record_drive
+from evcalib import calibrate
+from evcalib.camera import Camera
+from evcalib.events import Events
 from evcalib.geometry import rotation_angle
+from evcalib.series import VelocitySeries
 
 SIZES = {
     "hd": (Camera(1280, 720, 900.0, 900.0, 639.5, 359.5), 4.0),

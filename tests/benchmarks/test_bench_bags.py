@@ -7,7 +7,7 @@ pytest.importorskip("rosbags", reason="needs the extra formats")
 
 from bag_writing import DVS, Maker
 
-from data_tools.formats._event_arrays import read_array
+from data_tools.recordings.formats._event_arrays import read_array
 
 ROWS = 10_000
 

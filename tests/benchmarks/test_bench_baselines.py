@@ -9,27 +9,28 @@ import numpy as np
 import pytest
 from trajectories import pair
 
-from data_tools import motion
-from data_tools.baseline_runs import reckoned_poses
+from data_tools.simulation import drives
+from data_tools.simulation.streams import Noise, simulate
+from data_tools.studies.baseline_runs import reckoned_poses
 from evcalib.baselines import METHODS, calibrate_with
 from evcalib.baselines.cgoc import certify
 from evcalib.baselines.hand_eye import closed_form, hand_eye, minimise, quadratic
 from evcalib.baselines.motions import motions
 from evcalib.geometry import rotation_angle
 
-DRIVES = {"polyline": motion.polyline(), "arc": motion.arc()}
+DRIVES = {"polyline": drives.polyline(), "arc": drives.arc()}
 
 
 @pytest.mark.parametrize("name", METHODS)
 @pytest.mark.parametrize("drive", DRIVES)
 def test_method(benchmark, drive, name):
     benchmark.group = f"methods on a {drive}, 20 s"
-    made = motion.simulate(
+    made = simulate(
         DRIVES[drive],
         np.random.default_rng(0),
         offset=0.2,
-        heading_noise=motion.Noise(0.1),
-        velocity_noise=motion.Noise(0.02),
+        heading_noise=Noise(0.1),
+        velocity_noise=Noise(0.02),
     )
     streams = reckoned_poses(made.headings, made.velocities)
     found = benchmark(calibrate_with, name, streams)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from data_tools.events_text import load_events_text
+from data_tools.recordings.formats.events_text import load_events_text
 
 N = 500_000
 

@@ -6,9 +6,9 @@ The front (`open_recording`) checks sensor, order and types besides, and gives `
 import numpy as np
 import pytest
 
-from data_tools.formats._evt import Evt2Decoder, Evt3Decoder
-from data_tools.formats._prophesee_header import read_header
 from data_tools.recordings import open_recording
+from data_tools.recordings.formats._evt import Evt2Decoder, Evt3Decoder
+from data_tools.recordings.formats._prophesee_header import read_header
 
 COUNTS = {"evt2.raw": 521_252, "evt3.raw": 1_218_618, "gen4.dat": 1_218_618}
 DECODERS = {"evt2.raw": Evt2Decoder, "evt3.raw": Evt3Decoder}

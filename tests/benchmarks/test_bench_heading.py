@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from data_tools.simulator import simulate_translation
+from data_tools.simulation.simulator import simulate_translation
 from evcalib.camera import Camera
 from evcalib.events import Events
 from evcalib.features import Keypoints, match

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
-from data_tools import motion
-from data_tools.series_files import read_paired_rows
+from data_tools.logs.series_files import read_paired_rows
+from data_tools.simulation import drives
+from data_tools.simulation.streams import Noise, simulate
 from evcalib.authors import SEARCH, _sorted_unique
 from evcalib.kernels import authors as kernel
 from evcalib.offset import find_offset
@@ -20,12 +21,12 @@ from evcalib.track import velocity_track
 @pytest.mark.benchmark(group="robust search, 201 candidates")
 @pytest.mark.parametrize("seconds", [20, 60, 300])
 def test_find_offset(benchmark, seconds):
-    made = motion.simulate(
-        motion.s_curve(float(seconds)),
+    made = simulate(
+        drives.s_curve(float(seconds)),
         np.random.default_rng(0),
         offset=0.2,
-        heading_noise=motion.Noise(0.1, outliers=0.2),
-        velocity_noise=motion.Noise(0.02),
+        heading_noise=Noise(0.1, outliers=0.2),
+        velocity_noise=Noise(0.02),
     )
     track = velocity_track(made.velocities)
     curve = benchmark(find_offset, made.headings, track, max_offset=1.0)
@@ -36,9 +37,9 @@ def test_find_offset(benchmark, seconds):
 @pytest.mark.benchmark(group="velocity track")
 @pytest.mark.parametrize("seconds", [20, 300])
 def test_velocity_track(benchmark, seconds):
-    noise = motion.Noise(0.02)
-    drive, rng = motion.s_curve(float(seconds)), np.random.default_rng(0)
-    made = motion.simulate(drive, rng, velocity_noise=noise)
+    noise = Noise(0.02)
+    drive, rng = drives.s_curve(float(seconds)), np.random.default_rng(0)
+    made = simulate(drive, rng, velocity_noise=noise)
     benchmark(velocity_track, made.velocities)
 
 

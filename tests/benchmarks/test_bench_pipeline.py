@@ -9,8 +9,9 @@ import time
 import numpy as np
 import pytest
 
-from data_tools.recorded_drive import VEHICLE, record_drive
-from evcalib import Camera, calibrate
+from data_tools.simulation.recorded_drive import VEHICLE, record_drive
+from evcalib import calibrate
+from evcalib.camera import Camera
 from evcalib.kinematics import body_velocities
 
 CAMERA = Camera(346, 260, 250.0, 250.0, 172.5, 129.5)

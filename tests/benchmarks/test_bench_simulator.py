@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from data_tools import _simulator_kernels as kernels
-from data_tools.motion import s_curve
-from data_tools.scenes import furnished_room
-from data_tools.simulator import Simulator
-from data_tools.trajectory import Trajectory
+from data_tools.simulation import _simulator_kernels as kernels
+from data_tools.simulation.drives import s_curve
+from data_tools.simulation.scenes import furnished_room
+from data_tools.simulation.simulator import Simulator
+from data_tools.simulation.trajectory import Trajectory
 from evcalib.camera import Camera
 
 GROUP = "1 s of a 0.5 m/s drive at 240x180, one thread"

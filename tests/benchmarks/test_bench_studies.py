@@ -11,7 +11,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 import study_trials
 
 from data_tools.studies import run_study
-from data_tools.studies._model import seed_of
+from data_tools.studies._engine.study import seed_of
 
 TRIALS = 500
 

@@ -32,10 +32,10 @@ HEADER = ["reader", "engine", "seconds", "inputs", "found", "fixed", "remaining"
 SECONDS = 10
 ROOM = 3 << 30
 KERNELS = [
-    "data_tools._events_text_kernels",
-    "data_tools.formats._dat_kernels",
-    "data_tools.formats._evt2_kernels",
-    "data_tools.formats._evt3_kernels",
+    "data_tools.recordings.formats._events_text_kernels",
+    "data_tools.recordings.formats._dat_kernels",
+    "data_tools.recordings.formats._evt2_kernels",
+    "data_tools.recordings.formats._evt3_kernels",
 ]
 CRASHES = {"crash": "crash of the process", "timeout": "hang", "oom": "memory", "leak": "leak"}
 

@@ -9,16 +9,16 @@ from pathlib import Path
 import numpy as np
 from fuzz import seeds
 
-from data_tools.batch_list import read_list
-from data_tools.camera_files import read_camera
-from data_tools.column_maps import column_map
-from data_tools.export import read_calibration, read_export
+from data_tools.logs.camera_files import read_camera
+from data_tools.logs.column_maps import column_map
+from data_tools.logs.series_files import read_headings, read_paired_streams, read_velocities
+from data_tools.logs.trajectory_files import read_tum
+from data_tools.logs.vehicle_files import read_vehicle
+from data_tools.logs.velocity_sources import read_body_velocities
+from data_tools.logs.wheel_logs import read_wheel_log
 from data_tools.recordings import open_recording
-from data_tools.series_files import read_headings, read_paired_streams, read_velocities
-from data_tools.trajectory_files import read_tum
-from data_tools.vehicles import read_vehicle
-from data_tools.velocity_sources import read_body_velocities
-from data_tools.wheel_logs import read_wheel_log
+from data_tools.runs.export import read_calibration, read_export
+from data_tools.studies.batch_list import read_list
 from evcalib.errors import InputError
 from evcalib.kinematics import Swerve, Wheel
 

@@ -1,0 +1,40 @@
+"""The command line, thin over the library; the one part of evcalib that knows files.
+
+Exit codes: 0 the rotation is determined; 2 bad input; 3 the motion cannot answer; 130 Ctrl-C.
+"""
+
+from __future__ import annotations
+
+import sys
+from typing import Any
+
+import typer
+
+# Importing them adds their commands, in this order.
+from data_tools.cli import _calibrate, _files, _lab, _studies  # noqa: F401
+from data_tools.cli._options import BAD_INPUT, INTERRUPTED, NO_ANSWER, Interrupted, app
+from evcalib.errors import EvcalibError
+
+__all__ = ["BAD_INPUT", "NO_ANSWER", "app", "main"]
+
+# The class of all errors of usage; typer has it from click, or brings its own copy of click.
+UsageError: Any = typer.BadParameter.__bases__[0]
+
+
+def main() -> None:
+    """Run the command line; errors of the input are one line on stderr and exit code 2."""
+    try:
+        code = app(sys.argv[1:] or ["--help"], standalone_mode=False)
+    except UsageError as error:
+        _fail(f"{error.format_message()} (see evcalib --help)")
+    except EvcalibError as error:
+        _fail(str(error))
+    except Interrupted as stop:
+        print(f"evcalib: interrupted{stop}", file=sys.stderr)
+        sys.exit(INTERRUPTED)
+    sys.exit(code)
+
+
+def _fail(message: str) -> None:
+    print(f"evcalib: {message}", file=sys.stderr)
+    sys.exit(BAD_INPUT)

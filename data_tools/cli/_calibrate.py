@@ -1,0 +1,268 @@
+"""The whole chain, and each of its stages."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from data_tools.cli import _options as common
+from data_tools.cli._options import app
+from evcalib.errors import InputError
+
+if TYPE_CHECKING:
+    from evcalib.results import Calibration
+    from evcalib.series import HeadingSeries, VelocitySeries
+
+Camera = Annotated[Path, typer.Option(help="Camera file (calib.txt or Kalibr YAML).")]
+Vehicle = Annotated[Path | None, typer.Option(help="Vehicle file (YAML).")]
+Columns = Annotated[
+    Path | None, typer.Option(help="Column map of the wheel log or velocities (YAML).")
+]
+Topic = Annotated[str | None, typer.Option(help="Topic of the bag that tells the motion.")]
+WheelRadius = Annotated[
+    float | None, typer.Option(help="Wheel radius in metres, for wheels given in rad/s.")
+]
+
+
+@app.command()
+def calibrate(
+    recording: Annotated[Path, typer.Argument(help="Events, in any format that is known.")],
+    camera: Camera,
+    output: Annotated[Path, typer.Option("-o", "--output", help="Folder for the results.")],
+    wheels: Annotated[Path | None, typer.Option(help="Wheel log (CSV or ROS bag).")] = None,
+    vehicle: Vehicle = None,
+    velocities: Annotated[
+        Path | None, typer.Option(help="Velocities (CSV or ROS bag), in place of wheels.")
+    ] = None,
+    max_offset: common.MaxOffset = 1.0,
+    size: common.Size = None,
+    offset: Annotated[
+        float | None, typer.Option(help="Offset in seconds, to use if the motion does not tell it.")
+    ] = None,
+    camera_position: Annotated[
+        str | None, typer.Option(help="Where the camera sits in the body frame: X,Y,Z in metres.")
+    ] = None,
+    refinement: Annotated[str, typer.Option(help="tracks, or none for the paper's chain.")] = (
+        "tracks"
+    ),
+    max_slip: Annotated[
+        float | None, typer.Option(help="Leave out wheel rows that slip more, in m/s.")
+    ] = None,
+    max_yaw_rate: Annotated[
+        float, typer.Option(help="Leave out wheel rows that turn faster, in rad/s.")
+    ] = 0.5,
+    columns: Columns = None,
+    topic: Topic = None,
+    wheel_radius: WheelRadius = None,
+    time_unit: common.TimeUnit = None,
+    format: common.Format = None,
+    disorder: common.Disorder = "refuse",
+    stream: common.Stream = None,
+    surface: Annotated[str, typer.Option(help="tos_ts, tos, ts, silc or dist.")] = "tos_ts",
+    rate: Annotated[float, typer.Option(help="Keyframes per second.")] = 20.0,
+    seed: common.Seed = 0,
+    overwrite: common.Overwrite = False,
+    as_json: common.Json = False,
+) -> None:
+    """Find offset and rotation from a raw recording and wheel states, with a report."""
+    from data_tools.runs.calibrate import run_files
+
+    run = run_files(
+        recording,
+        camera,
+        wheels=wheels,
+        vehicle=vehicle,
+        velocities=velocities,
+        size=size,
+        output=output,
+        overwrite=overwrite,
+        command=common.command_line(),
+        max_slip=max_slip,
+        max_yaw_rate=max_yaw_rate,
+        reading={
+            "time_unit": time_unit,
+            "format": format,
+            "disorder": disorder,
+            "stream": stream,
+        },
+        motion={"columns": columns, "topic": topic, "wheel_radius": wheel_radius},
+        on_stage=lambda name: common.note(f"{name} ..."),
+        max_offset=max_offset,
+        offset=offset,
+        camera_position=_position(camera_position),
+        refinement=refinement,
+        surface=surface,
+        rate=rate,
+        seed=seed,
+    )
+    common.print_calibration(run.calibration, as_json)
+    if not as_json:
+        print(f"\nWritten to {output}: calibration.yaml, report.html and the data behind them.")
+    common.exit_by(run.calibration)
+
+
+@app.command()
+def headings(
+    recording: Annotated[Path, typer.Argument(help="Events, in any format that is known.")],
+    camera: Camera,
+    output: Annotated[Path, typer.Option("-o", "--output", help="Headings to write (CSV).")],
+    surface: Annotated[str, typer.Option(help="tos_ts, tos, ts, silc or dist.")] = "tos_ts",
+    solver: Annotated[str, typer.Option(help="two_point or five_point.")] = "two_point",
+    rate: Annotated[float, typer.Option(help="Keyframes per second.")] = 20.0,
+    size: common.Size = None,
+    time_unit: common.TimeUnit = None,
+    format: common.Format = None,
+    disorder: common.Disorder = "refuse",
+    stream: common.Stream = None,
+    seed: common.Seed = 0,
+) -> None:
+    """Find the direction of motion of an event camera from its events."""
+    from data_tools.files.atomic import write_file
+    from data_tools.logs.series_files import write_headings
+    from data_tools.runs.headings import headings_from_files
+
+    result = headings_from_files(
+        recording,
+        camera,
+        size=size,
+        surface=surface,
+        solver=solver,
+        rate=rate,
+        seed=seed,
+        time_unit=time_unit,
+        format=format,
+        disorder=disorder,
+        stream=stream,
+    )
+    write_file(output, lambda path: write_headings(path, result.estimate.headings))
+    print(result.summary)
+    if not len(result.estimate.headings):
+        raise typer.Exit(common.NO_ANSWER)
+
+
+@app.command()
+def velocities(
+    wheels: Annotated[Path, typer.Argument(help="Wheel log (CSV or ROS bag).", metavar="WHEELS")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="Velocities to write (CSV).")],
+    vehicle: Vehicle = None,
+    max_slip: Annotated[
+        float | None, typer.Option(help="Remove rows that slip more, in m/s.")
+    ] = None,
+    max_yaw_rate: Annotated[
+        float | None, typer.Option(help="Remove rows that turn faster, in rad/s.")
+    ] = None,
+    columns: Columns = None,
+    topic: Topic = None,
+    wheel_radius: WheelRadius = None,
+) -> None:
+    """Turn a wheel log into body velocities."""
+    from data_tools.files.atomic import write_file
+    from data_tools.logs.series_files import write_velocities
+    from data_tools.logs.velocity_sources import read_body_velocities
+
+    source = read_body_velocities(
+        wheels,
+        vehicle=vehicle,
+        columns=columns,
+        topic=topic,
+        wheel_radius=wheel_radius,
+        max_slip=max_slip,
+        max_yaw_rate=max_yaw_rate,
+    )
+    write_file(output, lambda path: write_velocities(path, source.velocities))
+    print(f"{len(source.velocities)} rows written to {output}")
+    for line in source.notes:
+        print(line)
+
+
+@app.command()
+def align(
+    headings: Annotated[
+        Path, typer.Argument(help="Headings (CSV), or the authors' .npz.", metavar="HEADINGS.csv")
+    ],
+    velocities: Annotated[
+        Path | None, typer.Argument(help="Velocities (CSV).", metavar="[VELOCITIES.csv]")
+    ] = None,
+    max_offset: common.MaxOffset = 1.0,
+    offset_method: Annotated[
+        str, typer.Option(help="profile, trace, canonical, scalar or none.")
+    ] = "profile",
+    rotation_method: Annotated[str, typer.Option(help="tukey, l1, kabsch, gnc or cca.")] = "tukey",
+    offset: Annotated[
+        float | None, typer.Option(help="Offset in seconds, to use if the motion does not tell it.")
+    ] = None,
+    max_gap: Annotated[
+        float | None,
+        typer.Option(help="Longest step to interpolate over, in seconds."),
+    ] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the bootstrap.")] = 0,
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", help="Folder for calibration.yaml and the plots."),
+    ] = None,
+    overwrite: common.Overwrite = False,
+    as_json: common.Json = False,
+) -> None:
+    """Find offset and rotation between headings and velocities."""
+    from evcalib.calibration import align as run
+
+    camera, body, hold = streams(headings, velocities)
+    calibration = run(
+        camera,
+        body,
+        max_offset=max_offset,
+        offset_method=offset_method,
+        rotation_method=rotation_method,
+        offset=offset,
+        max_gap=max_gap,
+        hold=hold,
+        seed=seed,
+    )
+    if output is not None:
+        _write_alignment(output, calibration, overwrite)
+    common.print_calibration(calibration, as_json)
+    if output is not None and not as_json:
+        print(f"\nWritten to {output}: calibration.yaml and the plots.")
+    common.exit_by(calibration)
+
+
+def streams(headings: Path, velocities: Path | None) -> tuple[HeadingSeries, VelocitySeries, float]:
+    """Read both streams of an alignment, and how long rows hold beyond gaps [s]."""
+    from data_tools.logs.series_files import read_headings, read_paired_streams, read_velocities
+
+    if headings.suffix == ".npz":
+        if velocities is not None:
+            raise InputError(f"{headings} holds both streams: give no velocities beside it")
+        pairs = read_paired_streams(headings)
+        return pairs.headings, pairs.velocities, pairs.hold
+    if velocities is None:
+        raise InputError(f"a velocities file is needed beside {headings}")
+    return read_headings(headings), read_velocities(velocities), 0.0
+
+
+def _write_alignment(output: Path, calibration: Calibration, overwrite: bool) -> None:
+    from data_tools.runs.export import write_calibration
+    from data_tools.runs.folder import RunFolder
+    from evcalib.plots.alignment import alignment_figures
+    from evcalib.plots.style import png
+
+    with RunFolder(output, overwrite=overwrite, command=common.command_line()) as folder:
+        for name, figure in alignment_figures(calibration).items():
+            picture = png(figure)
+            writer: Any = lambda path, data=picture: path.write_bytes(data)  # noqa: E731
+            folder.write(f"{name}.png", writer)
+        folder.write("calibration.yaml", lambda path: write_calibration(path, calibration))
+
+
+def _position(text: str | None) -> tuple[float, float, float] | None:
+    if text is None:
+        return None
+    try:
+        x, y, z = (float(word) for word in text.split(","))
+    except ValueError:
+        raise InputError(
+            f"--camera-position must be X,Y,Z in metres, like 0.3,0,0.8, not {text!r}"
+        ) from None
+    return x, y, z

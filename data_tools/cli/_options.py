@@ -1,0 +1,85 @@
+"""What the commands share."""
+
+from __future__ import annotations
+
+import json
+import shlex
+import sys
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from typer.core import TyperGroup
+
+if TYPE_CHECKING:
+    from evcalib.results import Calibration
+
+BAD_INPUT = 2
+NO_ANSWER = 3
+INTERRUPTED = 130
+
+
+class Interrupted(Exception):
+    """Ctrl-C, with what there is to say of it; Typer would make a bare exit code of it."""
+
+
+class _Commands(TyperGroup):
+    def invoke(self, ctx: typer.Context) -> Any:  # type: ignore[override]
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt as stop:
+            raise Interrupted(f": {stop}" if str(stop) else "") from None
+
+
+app = typer.Typer(
+    cls=_Commands,
+    help="Time offset and rotation between an event camera and an omni-directional vehicle.",
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+
+MaxOffset = Annotated[float, typer.Option(help="Search offsets from -MAX to MAX, in seconds.")]
+Json = Annotated[bool, typer.Option("--json", help="Print JSON alone on standard output.")]
+Overwrite = Annotated[
+    bool, typer.Option("--overwrite", help="Replace an earlier calibration in the folder.")
+]
+Size = Annotated[str | None, typer.Option(help="Sensor size WIDTHxHEIGHT, where no file tells it.")]
+TimeUnit = Annotated[
+    str | None, typer.Option(help="s, ms, us or ns, where the recording does not tell it.")
+]
+Format = Annotated[
+    str | None, typer.Option(help="Format of the recording, if its content does not tell it.")
+]
+Disorder = Annotated[
+    str, typer.Option(help="Events out of order: refuse, sort (up to 50 ms late) or drop.")
+]
+Stream = Annotated[
+    str | None, typer.Option(help="Topic, camera or file, where the recording holds several.")
+]
+Seed = Annotated[int, typer.Option(min=0, help="Seed of everything that is drawn.")]
+
+
+def print_calibration(calibration: Calibration, as_json: bool) -> None:
+    """Print a calibration as words, or as JSON alone."""
+    from data_tools.runs.export import summary_dict, summary_text
+
+    if as_json:
+        print(json.dumps(summary_dict(calibration), indent=2))
+    else:
+        print(summary_text(calibration))
+
+
+def exit_by(calibration: Calibration) -> None:
+    """End with the code of a motion that cannot answer, if it cannot."""
+    if not calibration.rotation_observable:
+        raise typer.Exit(NO_ANSWER)
+
+
+def command_line() -> str:
+    """Return what was typed."""
+    return shlex.join(["evcalib", *sys.argv[1:]])
+
+
+def note(text: str) -> None:
+    """Say something on standard error on a terminal, nothing in a script."""
+    if sys.stderr.isatty():
+        print(text, file=sys.stderr)

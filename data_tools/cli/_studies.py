@@ -1,0 +1,136 @@
+"""A demonstration, rivals, studies, and many recordings at once."""
+
+from __future__ import annotations
+
+import tempfile
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from data_tools.cli import _options as common
+from data_tools.cli._calibrate import streams
+from data_tools.cli._options import app
+
+Workers = Annotated[int, typer.Option(min=1, help="Processes on this machine.")]
+Scheduler = Annotated[
+    str | None, typer.Option(help="Address of a Dask scheduler, to run on its workers.")
+]
+
+
+@app.command()
+def demo(
+    output: Annotated[
+        Path, typer.Option("-o", "--output", help="Folder for the results; replaced each time.")
+    ] = Path("evcalib-demo"),
+    recording: Annotated[
+        Path | None,
+        typer.Option(help="Keep the simulated files here, to play with evcalib calibrate."),
+    ] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the simulated drive.")] = 1,
+    as_json: common.Json = False,
+) -> None:
+    """Calibrate a simulated recording, from raw events to report, and compare with the truth."""
+    from data_tools.runs.calibrate import run_files
+    from data_tools.runs.demo import against_truth, demo_drive, write_demo
+    from evcalib.run import Truth
+
+    drive = demo_drive(seed)
+    with ExitStack() as stack:
+        home = recording or Path(stack.enter_context(tempfile.TemporaryDirectory()))
+        common.note("simulating ...")
+        files = write_demo(home, drive)
+        run = run_files(
+            files["recording"],
+            files["camera"],
+            wheels=files["wheels"],
+            vehicle=files["vehicle"],
+            output=output,
+            overwrite=True,
+            command=common.command_line(),
+            on_stage=lambda name: common.note(f"{name} ..."),
+            truth=Truth(drive.R_body_cam, drive.offset),
+        )
+    common.print_calibration(run.calibration, as_json)
+    if not as_json:
+        print(against_truth(run.calibration, drive))
+        print(f"\nWritten to {output}: calibration.yaml, report.html and the data behind them.")
+    common.exit_by(run.calibration)
+
+
+@app.command()
+def baselines(
+    headings: Annotated[
+        Path, typer.Argument(help="Headings (CSV), or the authors' .npz.", metavar="HEADINGS.csv")
+    ],
+    velocities: Annotated[
+        Path | None, typer.Argument(help="Velocities (CSV).", metavar="[VELOCITIES.csv]")
+    ] = None,
+    trajectory: Annotated[
+        Path | None, typer.Option(help="Trajectory of the camera (TUM), in any scale.")
+    ] = None,
+    max_offset: common.MaxOffset = 1.0,
+    seed: common.Seed = 0,
+) -> None:
+    """Run all methods on the same two streams: ours, the paper's, and their rivals."""
+    from data_tools.logs.trajectory_files import read_tum
+    from data_tools.studies.baseline_runs import baseline_table, run_baselines
+
+    camera, body, hold = streams(headings, velocities)
+    rows = run_baselines(
+        camera,
+        body,
+        trajectory=None if trajectory is None else read_tum(trajectory),
+        max_offset=max_offset,
+        hold=hold,
+        seed=seed,
+    )
+    print(baseline_table(rows))
+
+
+@app.command()
+def study(
+    name: Annotated[
+        str, typer.Argument(help="paper, drives, ablations, coverage, real or recorded.")
+    ],
+    output: Annotated[Path, typer.Option("-o", "--output", help="Folder for table and plots.")],
+    trials: Annotated[int, typer.Option(min=1, help="Trials per group.")] = 100,
+    seed: common.Seed = 0,
+    workers: Workers = 1,
+    scheduler: Scheduler = None,
+    data: Annotated[
+        Path | None, typer.Option(help="Folder of local files, for the study 'real'.")
+    ] = None,
+) -> None:
+    """Run a study of many trials; go on with it if it was stopped."""
+    from data_tools.studies import describe, run_study, write_summary
+
+    options: dict[str, Any] = {} if data is None else {"data": data}
+    result = run_study(
+        name,
+        trials=trials,
+        seed=seed,
+        folder=output,
+        workers=workers,
+        scheduler=scheduler,
+        **options,
+    )
+    write_summary(result, output)
+    print(describe(result))
+
+
+@app.command()
+def batch(
+    recordings: Annotated[Path, typer.Argument(help="List of recordings.", metavar="LIST.yaml")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="Folder for all results.")],
+    workers: Workers = 1,
+    scheduler: Scheduler = None,
+) -> None:
+    """Calibrate many recordings; go on with those that are left, if it was stopped."""
+    from data_tools.studies.batch import run_batch
+
+    result = run_batch(recordings, folder=output, workers=workers, scheduler=scheduler)
+    print(result.text())
+    if result.failures:
+        raise typer.Exit(common.BAD_INPUT)

@@ -1,0 +1,1 @@
+"""What vehicle and camera wrote down, or are described by: wheels, velocities, headings, paths."""

@@ -1,0 +1,180 @@
+"""One front for all that tells how a vehicle moved: CSV of velocities or wheels, topics of bags."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data_tools.bags import MAGIC, is_bag
+from data_tools.logs.bag_velocities import read_bag_motion
+from data_tools.logs.column_maps import Columns
+from data_tools.logs.series_files import read_velocities
+from data_tools.logs.vehicle_files import read_vehicle
+from data_tools.logs.wheel_logs import read_wheel_log
+from evcalib import _check
+from evcalib._event_columns import whole_us
+from evcalib.errors import InputError
+from evcalib.kinematics import BodyVelocities, Vehicle, WheelLog, body_velocities
+from evcalib.series import VelocitySeries
+
+MIN_STEP = 1e-4
+"""A median step between rows below this [s] is taken for a mistake of units."""
+MAX_GAP = 3600.0
+"""Rows may have been left out, but not for longer than this [s]: then a clock was set."""
+
+
+@dataclass(frozen=True, eq=False)
+class VelocitySource:
+    """Velocities of the body, and where they come from.
+
+    Attributes
+    ----------
+    name : str
+        The file it was read from.
+    velocities : VelocitySeries
+        Linear velocity of the body's origin and, if known, the yaw rate; times are shifted.
+    wheels : BodyVelocities or None
+        Slip, and what the limits left out, if wheels were read.
+    notes : tuple of str
+        What was taken for granted or left out.
+    """
+
+    name: str
+    velocities: VelocitySeries
+    wheels: BodyVelocities | None = None
+    notes: tuple[str, ...] = ()
+
+    def limited(
+        self, *, max_slip: float | None = None, max_yaw_rate: float | None = None
+    ) -> VelocitySource:
+        """Return what is within the limits; see `read_body_velocities`."""
+        if self.wheels is not None:
+            wheels = self.wheels.limited(max_slip, max_yaw_rate)
+            notes = (*self.notes[:-1], wheels.summary())
+            return replace(self, velocities=wheels.velocities, wheels=wheels, notes=notes)
+        if max_slip is not None:
+            raise InputError(
+                f"{self.name} holds velocities, which have no slip: max_slip needs wheels"
+            )
+        if max_yaw_rate is None:
+            return self
+        limit = _check.positive(max_yaw_rate, "max_yaw_rate", "rad/s")
+        if self.velocities.yaw_rate is None:
+            raise InputError(f"{self.name} has no yaw rate to be limited by max_yaw_rate")
+        keep = np.abs(self.velocities.yaw_rate) <= limit
+        if not keep.any():
+            raise InputError(f"{self.name}: all {keep.size} rows turn faster than {limit:g} rad/s")
+        left_out = f"{keep.size - int(keep.sum())} of {keep.size} rows over the yaw-rate limit"
+        return replace(self, velocities=self.velocities.select(keep), notes=(*self.notes, left_out))
+
+
+def read_body_velocities(
+    path: str | Path,
+    *,
+    topic: str | None = None,
+    vehicle: Vehicle | str | Path | None = None,
+    columns: Columns | None = None,
+    time_unit: str = "s",
+    wheel_radius: float | None = None,
+    origin_us: int = 0,
+    max_slip: float | None = None,
+    max_yaw_rate: float | None = None,
+) -> VelocitySource:
+    """Read how a vehicle moved.
+
+    Parameters
+    ----------
+    path : path
+        A CSV file of velocities (``t,vx,vy``, see `data_tools.logs.series_files`); or, with
+        `vehicle`, one of wheel states (see `data_tools.logs.wheel_logs`); or a ROS 1 or ROS 2 bag.
+    topic : str, optional
+        Topic of a bag; by default the only one that fits.
+    vehicle : Swerve, Mecanum, Omni or path, optional
+        The vehicle, or its YAML file; turns wheel states into velocities.
+    columns : mapping or path, optional
+        Column map, or its YAML file (see `data_tools.logs.column_maps`); for joints, of joints.
+    time_unit : {"s", "ms", "us", "ns"}
+        Unit of the times of a CSV file, unless the map tells it.
+    wheel_radius : float, optional
+        Radius [m] for wheels whose speed is given in rad/s.
+    origin_us : int
+        Subtracted from all times [us]: give the recording's `origin_us`, if its camera and the
+        vehicle were on one clock.
+    max_slip, max_yaw_rate : float, optional
+        Limits [m/s], [rad/s] over which rows of wheels are left out; see `body_velocities`.
+
+    Returns
+    -------
+    VelocitySource
+        The velocities, and what was left out.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, its unit or its clock is implausible (with file, row and
+        reason), or an argument does not fit what the file holds.
+    """
+    path, origin = Path(path), whole_us(origin_us, "origin_us")
+    if vehicle is not None and isinstance(vehicle, str | Path):
+        vehicle = read_vehicle(vehicle)
+    motion: VelocitySeries | WheelLog
+    notes: tuple[str, ...] = ()
+    bag = is_bag(path, _head(path))
+    if bag:
+        stream = read_bag_motion(
+            path,
+            topic=topic,
+            vehicle=vehicle,
+            columns=columns,
+            wheel_radius=wheel_radius,
+            origin_us=origin,
+        )
+        motion, notes = stream.motion, stream.notes
+    elif topic is not None:
+        raise InputError(f"{path} is no bag: it has no topic {topic}")
+    elif vehicle is not None:
+        motion = read_wheel_log(path, vehicle, columns, time_unit, wheel_radius)
+    else:
+        motion = read_velocities(path, columns, time_unit)
+    _check_steps(motion.t, path)
+    if not bag:
+        motion = replace(motion, t=motion.t - origin / 1e6)
+    if isinstance(motion, WheelLog):
+        assert not isinstance(vehicle, str | Path | None)
+        try:
+            body = body_velocities(motion, vehicle)
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from None
+        notes = (*notes, body.summary())
+        whole = VelocitySource(str(path), body.velocities, body, notes)
+    else:
+        whole = VelocitySource(str(path), motion, notes=notes)
+    return whole.limited(max_slip=max_slip, max_yaw_rate=max_yaw_rate)
+
+
+def _check_steps(t: NDArray[np.float64], path: Path) -> None:
+    steps = np.diff(t)
+    if steps.size and np.median(steps) < MIN_STEP:
+        raise InputError(
+            f"{path}: the median step between rows is {np.median(steps):.3g} s; is the unit of"
+            " the times right (time_unit)?"
+        )
+    if steps.size and steps.max() > MAX_GAP:
+        row = int(np.argmax(steps)) + 1
+        raise InputError(
+            f"{path}, row {row}: its time is {steps.max():.0f} s after that of the row before:"
+            " the clock was set, or two logs were joined; cut the file there"
+        )
+
+
+def _head(path: Path) -> bytes:
+    try:
+        if path.is_dir():
+            return b""
+        with path.open("rb") as file:
+            return file.read(max(map(len, MAGIC)))
+    except OSError as error:
+        raise InputError(f"cannot read {path}: {error.strerror or error}") from None

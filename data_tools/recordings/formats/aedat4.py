@@ -1,0 +1,91 @@
+"""AEDAT 4 (iniVation's DV).
+
+Packets are read one by one, in memory of one packet.  The format has no checksums, and its writers
+do not switch on those of LZ4, so a flipped bit may change an event unnoticed; but each packet must
+hold as many events, from the first to the last time, as the table at the end of the file says.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data_tools.files.unpack import unpack
+from data_tools.recordings.formats import Columns, Options, Source
+from data_tools.recordings.formats._aedat4_layout import (
+    LARGEST_PACKET,
+    MAGIC,
+    Layout,
+    Told,
+    read_events,
+    read_layout,
+)
+from evcalib.errors import InputError
+
+NAMES = ("aedat4",)
+
+
+def matches(path: Path, head: bytes) -> bool:
+    """Tell whether the file starts with the format's line."""
+    return head.startswith(MAGIC)
+
+
+def open(path: Path, options: Options) -> Source:
+    """Open a file; `options.stream` is the number of the event stream, where it has several."""
+    layout = read_layout(path)
+    number = _chosen(path, sorted(layout.sensors), options)
+    width, height = options.sensor(path, layout.sensors[number])
+    notes = () if layout.told else ("the file has no table of its packets to check them against",)
+
+    def pieces(losses: Counter[str]) -> Iterator[Columns]:
+        if layout.cut_off:
+            losses["bytes of a cut-off last packet"] += layout.cut_off
+        for events in _packets(path, layout, number):
+            yield Columns(events["x"], events["y"], events["t"].astype(np.int64), events["on"] == 1)
+
+    return Source("aedat4", width, height, pieces, notes)
+
+
+def _chosen(path: Path, numbers: list[int], options: Options) -> int:
+    if not numbers:
+        raise InputError(f"{path} has no stream of events")
+    told = ", ".join(map(str, numbers))
+    if options.stream is not None:
+        if options.stream not in map(str, numbers):
+            raise InputError(f"{path} has no stream of events {options.stream}, only {told}")
+        return int(options.stream)
+    if len(numbers) > 1:
+        raise InputError(f"{path} has several streams of events: say which, stream = one of {told}")
+    return numbers[0]
+
+
+def _packets(path: Path, layout: Layout, stream: int) -> Iterator[NDArray[np.void]]:
+    """Yield the events of each packet of a stream."""
+    try:
+        with path.open("rb") as file:
+            for place, packet in enumerate(layout.packets):
+                if packet.stream != stream:
+                    continue
+                file.seek(packet.start)
+                packed = file.read(packet.size)
+                try:
+                    events = read_events(unpack(packed, layout.compression, LARGEST_PACKET))
+                    _check(events, layout.told[place] if layout.told else None)
+                except InputError as error:
+                    raise InputError(f"{path} is damaged in packet {place}: {error}") from None
+                yield events
+    except OSError as error:
+        raise InputError(f"cannot read {path}: {error.strerror or error}") from None
+
+
+def _check(events: NDArray[np.void], told: Told | None) -> None:
+    if told is None:
+        return
+    if events.size != told.count:
+        raise InputError(f"it holds {events.size} events, not {told.count} as the table says")
+    if events.size and (events["t"][0], events["t"][-1]) != (told.first_us, told.last_us):
+        raise InputError("its first or last time is not that of the table")

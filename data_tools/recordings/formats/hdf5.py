@@ -1,0 +1,266 @@
+"""HDF5: our own layout, DSEC and its relatives, Prophesee's, and MVSEC's.
+
+``evcalib``
+    What `data_tools.recordings.convert` writes; described there.
+``dsec``
+    A group with the datasets ``x``, ``y``, ``t``, ``p`` [us] (``events`` in DSEC, for which
+    ``t_offset`` is added to the times; ``prophesee/left`` in M3ED).  ``ms_to_idx`` is not needed.
+``prophesee-hdf5``
+    ``CD/events``, a compound of x, y, p, t [us]; sensor size in the file's ``geometry``.
+``mvsec``
+    ``davis/left/events``, n x 4 floats x, y, t [s], p.
+
+Where several groups hold events, `stream` names one.  A file that declares far more data than it
+can hold is refused.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from data_tools.recordings.formats import Columns, Options, Size, Source
+from data_tools.recordings.formats._columns import Converter, find_columns
+from data_tools.recordings.formats._hdf5_checks import check_columns
+from evcalib.errors import InputError
+
+NAMES = ("evcalib", "dsec", "prophesee-hdf5", "mvsec")
+
+SIGNATURE = b"\x89HDF\r\n\x1a\n"
+LAYOUT = "evcalib-events"
+VERSION = 1
+
+_DAMAGE = (
+    OSError,
+    RuntimeError,
+    ValueError,
+    TypeError,
+    LookupError,
+    ArithmeticError,
+    AttributeError,
+    NotImplementedError,
+)
+
+_TOLD = ("width", "height", "geometry", "time_unit", "version", "origin_us", "count")
+_ROWS = 1 << 19
+_CACHE = 1 << 26
+
+
+@dataclass(frozen=True)
+class _Stream:
+    """Where the events stand in a file: a group of columns, or one dataset of rows."""
+
+    format: str
+    name: str
+    fields: dict[str, str] | None = None
+
+
+def matches(path: Path, head: bytes) -> bool:
+    """Tell whether the file is HDF5."""
+    return head.startswith(SIGNATURE)
+
+
+def open(path: Path, options: Options) -> Source:
+    """Open an HDF5 file; `options.stream` is the group (or dataset) of events."""
+    with _file(path) as file:
+        streams = _streams(file)
+        stream, notes = _chosen(path, streams, options)
+        columns, attributes = _columns(file, stream), _attributes(file, stream)
+        rows = _rows(columns, stream)
+        if stream.format == "evcalib" and _integer(attributes.get("count", rows)) != rows:
+            raise InputError(f"{path} holds {rows} events, but says {attributes['count']}")
+        check_columns(path, columns)
+        size = options.sensor(path, _declared_size(attributes))
+        shift = _shift(file, stream, attributes)
+        unit = _unit(attributes, options, stream)
+
+    def pieces(losses: Counter[str]) -> Iterator[Columns]:
+        convert = Converter(*unit)
+        with _file(path) as file:
+            columns = _columns(file, stream)
+            step = _step(columns)
+            for start in range(0, rows, step):
+                raw = _read(columns, stream, start, min(start + step, rows))
+                piece = convert(*raw)
+                yield piece._replace(t=piece.t + shift) if shift else piece
+
+    return Source(stream.format, *size, pieces, notes)
+
+
+@contextmanager
+def _file(path: Path) -> Iterator[h5py.File]:
+    """Open a file; whatever HDF5 says of damage becomes an InputError."""
+    try:
+        with h5py.File(path, "r", rdcc_nbytes=_CACHE) as file:
+            yield file
+    except InputError as error:
+        raise InputError(str(error) if str(path) in str(error) else f"{path}: {error}") from None
+    except _DAMAGE as error:
+        why = " ".join(str(error).split())[:500]
+        raise InputError(f"{path} is damaged or cut off, says HDF5: {why}") from None
+
+
+def _streams(file: h5py.File) -> list[_Stream]:
+    """Return all places in the file that hold events."""
+    found: list[_Stream] = []
+
+    def visit(name: str, item: Any) -> None:
+        if isinstance(item, h5py.Group):
+            stream = _grouped(name, item)
+        elif isinstance(item, h5py.Dataset):
+            stream = _rows_of(name, item)
+        else:
+            stream = None
+        if stream is not None:
+            found.append(stream)
+
+    visit("", file)
+    file.visititems(visit)
+    return found
+
+
+def _grouped(name: str, group: h5py.Group) -> _Stream | None:
+    names = [key for key in group if _is_column(group, key)]
+    fields = find_columns(names)
+    if fields is None:
+        return None
+    own = _text(group.attrs.get("format", "")) == LAYOUT
+    return _Stream("evcalib" if own else "dsec", name, fields)
+
+
+def _is_column(group: h5py.Group, key: str) -> bool:
+    """Tell whether a link is to a dataset of this file; those to other files are not followed."""
+    link = group.get(key, getlink=True)
+    return not isinstance(link, h5py.ExternalLink) and isinstance(group.get(key), h5py.Dataset)
+
+
+def _rows_of(name: str, dataset: h5py.Dataset) -> _Stream | None:
+    names = dataset.dtype.names
+    if names is not None:
+        fields = find_columns(names)
+        return None if fields is None else _Stream("prophesee-hdf5", name, fields)
+    if name.rsplit("/", 1)[-1] == "events" and dataset.ndim == 2 and dataset.shape[1] == 4:
+        return _Stream("mvsec", name)
+    return None
+
+
+def _chosen(
+    path: Path, streams: list[_Stream], options: Options
+) -> tuple[_Stream, tuple[str, ...]]:
+    names = [stream.name or "/" for stream in streams]
+    if options.format is not None:
+        streams = [stream for stream in streams if stream.format == options.format]
+    if options.stream is not None:
+        wanted = options.stream.strip("/")
+        streams = [s for s in streams if wanted in (s.name, s.name.rpartition("/")[0])]
+    if not streams:
+        there = f"only {', '.join(names)}" if names else "none (columns x, y, t, p are needed)"
+        raise InputError(f"{path} has no such events: {there}")
+    if len(streams) == 1:
+        return streams[0], ()
+    left = [stream for stream in streams if stream.name == "davis/left/events"]
+    if left:
+        return left[0], ("the events of the left camera were read: davis/left/events",)
+    raise InputError(f"{path} has events of {', '.join(names)}; say which with stream")
+
+
+def _columns(file: h5py.File, stream: _Stream) -> list[h5py.Dataset]:
+    """Return the datasets: x, y, t, p in this order, or the one of whole rows."""
+    item = file[stream.name or "/"]
+    if isinstance(item, h5py.Dataset):
+        return [item]
+    assert stream.fields is not None
+    return [item[stream.fields[key]] for key in "xytp"]
+
+
+def _rows(columns: list[h5py.Dataset], stream: _Stream) -> int:
+    dimensions = 2 if stream.format == "mvsec" else 1
+    lengths = [c.shape[0] if c.ndim == dimensions else -1 for c in columns]
+    if len(set(lengths)) > 1 or lengths[0] < 0:
+        shapes = ", ".join(f"{c.name} {c.shape}" for c in columns)
+        raise InputError(f"the columns of events differ in length: {shapes}")
+    return lengths[0]
+
+
+def _read(columns: list[h5py.Dataset], stream: _Stream, start: int, stop: int) -> list[NDArray]:
+    try:
+        blocks = [column[start:stop] for column in columns]
+    except (OSError, RuntimeError) as error:
+        raise InputError(
+            f"events {start} to {stop} of {stream.name} cannot be read (damaged?): {error}"
+        ) from None
+    if stream.format == "mvsec":
+        return [np.ascontiguousarray(column) for column in blocks[0].T]
+    if len(blocks) == 1:
+        assert stream.fields is not None
+        return [np.ascontiguousarray(blocks[0][stream.fields[key]]) for key in "xytp"]
+    return blocks
+
+
+def _step(columns: list[h5py.Dataset]) -> int:
+    """Return how many rows to read at a time: whole chunks of the largest kind."""
+    chunk = max((column.chunks[0] for column in columns if column.chunks), default=_ROWS)
+    return int(chunk * max(1, _ROWS // chunk))
+
+
+def _attributes(file: h5py.File, stream: _Stream) -> dict[str, Any]:
+    """Return what is said of the events by the file, the groups above them, and themselves."""
+    found: dict[str, Any] = {}
+    parts = stream.name.split("/") if stream.name else []
+    for k in range(len(parts) + 1):
+        attributes = file["/".join(parts[:k]) or "/"].attrs
+        found.update({name: attributes[name] for name in _TOLD if name in attributes})
+    version = _integer(found.get("version", 0)) if stream.format == "evcalib" else 0
+    if version > VERSION:
+        raise InputError(f"the layout is of version {version}, this evcalib reads up to {VERSION}")
+    return found
+
+
+def _declared_size(attributes: dict[str, Any]) -> Size | None:
+    if "width" in attributes and "height" in attributes:
+        return _integer(attributes["width"]), _integer(attributes["height"])
+    width, _, height = _text(attributes.get("geometry", "")).partition("x")
+    if width.isdigit() and height.isdigit():
+        return int(width), int(height)
+    return None
+
+
+def _unit(
+    attributes: dict[str, Any], options: Options, stream: _Stream
+) -> tuple[str | None, str | None]:
+    """Return the units of whole and of fractional times."""
+    if options.time_unit is not None:
+        return options.time_unit, options.time_unit
+    declared = _text(attributes.get("time_unit", ""))
+    if declared:
+        if declared not in ("s", "ms", "us", "ns"):
+            raise InputError(f"the attribute time_unit is {declared!r}: say time_unit='us', ...")
+        return declared, declared
+    return "us", "s" if stream.format == "mvsec" else None
+
+
+def _shift(file: h5py.File, stream: _Stream, attributes: dict[str, Any]) -> int:
+    """Return what to add to all times [us]: DSEC's t_offset, or the origin that we subtracted."""
+    if stream.format == "evcalib":
+        return _integer(attributes.get("origin_us", 0))
+    group = stream.name.rpartition("/")[0]
+    for name in (f"{stream.name}/t_offset", f"{group}/t_offset"):
+        if stream.format == "dsec" and name in file and file[name].shape in ((), (1,)):
+            return _integer(file[name][()])
+    return 0
+
+
+def _integer(value: Any) -> int:
+    return int(np.ravel(value)[0])
+
+
+def _text(value: Any) -> str:
+    return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)

@@ -1,0 +1,262 @@
+"""Calibrations as files: our YAML, and what other tools read."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from data_tools.files.text import LARGEST_YAML, read_text, read_yaml
+from evcalib.errors import InputError
+from evcalib.geometry import matrix_to_quaternion, matrix_to_rpy, quaternion_to_matrix
+from evcalib.geometry import rpy_to_matrix as rpy_matrix
+from evcalib.results import Calibration
+
+Floats = NDArray[np.float64]
+
+CONVENTION = (
+    "v_body = R_body_cam v_cam, camera X right Y down Z forward, body X forward Y left Z up;"
+    " t_body = t_cam + offset_s"
+)
+
+_NEEDED = ("R_body_cam", "offset_s", "offset_observable", "rotation_observable")
+
+FORMATS = ("kalibr", "ros-tf", "urdf")
+
+
+@dataclass(frozen=True, eq=False)
+class StoredCalibration:
+    """What other tools need of a calibration.
+
+    Attributes
+    ----------
+    R_body_cam : ndarray, shape (3, 3)
+        ``v_body = R_body_cam @ v_cam``.
+    offset : float
+        ``t_body = t_cam + offset`` [s].
+    offset_observable, rotation_observable : bool
+        Whether the motion determined them.
+    """
+
+    R_body_cam: Floats
+    offset: float
+    offset_observable: bool = True
+    rotation_observable: bool = True
+
+
+def summary_dict(calibration: Calibration) -> dict[str, Any]:
+    """Return the content of ``calibration.yaml``, of plain Python values."""
+    diagnostics = calibration.diagnostics
+    unknown = calibration.unknown_axis
+    return {
+        "R_body_cam": [[float(x) for x in row] for row in calibration.R_body_cam],
+        "offset_s": float(calibration.offset),
+        "offset_sd_s": float(calibration.offset_sd),
+        "offset_interval_s": [float(x) for x in calibration.offset_interval],
+        "offset_observable": bool(calibration.offset_observable),
+        "rotation_sd_deg": math.degrees(calibration.rotation_sd),
+        "rotation_sd_xyz_deg": [
+            min(math.degrees(math.sqrt(x)), 180.0) for x in np.diag(calibration.rotation_covariance)
+        ],
+        "rotation_radius_deg": math.degrees(calibration.rotation_radius),
+        "rotation_observable": bool(calibration.rotation_observable),
+        "unknown_axis": None if unknown is None else [float(x) for x in unknown],
+        "verdict": str(calibration.verdict),
+        "inlier_share": float(calibration.inlier_share),
+        "headings_used": len(calibration.residuals.t),
+        "diagnostics": {
+            "heading_noise_deg": math.degrees(diagnostics.mixture.sigma),
+            "flipped_share": float(diagnostics.mixture.flipped),
+            "outlier_share": float(diagnostics.mixture.outliers),
+            "independent_headings": float(diagnostics.independent_headings),
+            "noise_correlated_share": float(diagnostics.noise.share),
+            "noise_memory_s": float(diagnostics.noise.memory),
+            "heading_rate_z": float(diagnostics.heading_rate_z),
+            "follows_z": float(diagnostics.follows_z),
+            "agrees": bool(diagnostics.agrees),
+            "direction_spread_deg": math.degrees(diagnostics.spread.spread),
+            "direction_axes": int(diagnostics.spread.axes),
+            "second_peak_ratio": float(diagnostics.second_peak_ratio),
+            "rotation_change_over_plausible_offsets_deg": math.degrees(diagnostics.offset_matters),
+        },
+        "settings": dict(calibration.settings),
+        "convention": CONVENTION,
+    }
+
+
+def write_calibration(path: str | Path, calibration: Calibration) -> None:
+    """Write ``calibration.yaml``."""
+    text = yaml.safe_dump(
+        summary_dict(calibration), sort_keys=False, width=100, default_flow_style=None
+    )
+    Path(path).write_text(text, encoding="utf-8")
+
+
+def read_calibration(path: str | Path) -> StoredCalibration:
+    """Read rotation and offset from a ``calibration.yaml``.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, lacks a key, or its matrix is no rotation.
+    """
+    content = read_yaml(path)
+    if not isinstance(content, dict) or not content.keys() >= set(_NEEDED):
+        raise InputError(f"{path} is no whole calibration: it needs the keys {', '.join(_NEEDED)}")
+    flags = [content[name] for name in ("offset_observable", "rotation_observable")]
+    if not all(isinstance(flag, bool) for flag in flags):
+        raise InputError(f"{path}: offset_observable and rotation_observable must be true or false")
+    return replace(
+        _stored(content["R_body_cam"], content["offset_s"], path),
+        offset_observable=flags[0],
+        rotation_observable=flags[1],
+    )
+
+
+def export(calibration: StoredCalibration, form: str) -> str:
+    """Return a calibration as text in the form of another tool.
+
+    Parameters
+    ----------
+    calibration : StoredCalibration
+        Rotation and offset.
+    form : {"kalibr", "ros-tf", "urdf"}
+        Kalibr's camchain with the body in place of the IMU; a ``static_transform_publisher``
+        launch argument list as YAML; or a URDF joint.  Headings do not show the lever arm: the
+        translation is written as zero, and each file says so.
+    """
+    if form not in FORMATS:
+        raise InputError(f"the export format must be one of {', '.join(FORMATS)}, not {form!r}")
+    text = {"kalibr": _to_kalibr, "ros-tf": _to_ros_tf, "urdf": _to_urdf}[form](calibration)
+    unsure = []
+    if not calibration.rotation_observable:
+        unsure.append("THE ROTATION IS NOT DETERMINED by the drive that this comes from.")
+    if not calibration.offset_observable:
+        unsure.append("The time offset was not observable: it is the one that was assumed.")
+    mark = "<!-- {} -->\n" if form == "urdf" else "# {}\n"
+    return "".join(mark.format(line) for line in unsure) + text
+
+
+def read_export(path: str | Path, form: str) -> StoredCalibration:
+    """Read back what :func:`export` wrote (the offset is 0 where the form cannot hold it)."""
+    if form == "urdf":
+        return _from_urdf(path)
+    content = read_yaml(path)
+    try:
+        if form == "kalibr":
+            camera = content["cam0"]
+            T_cam_body = np.array(camera["T_cam_imu"], dtype=np.float64)
+            return _stored(T_cam_body[:3, :3].T, camera["timeshift_cam_imu"], path)
+        turn = content["rotation_xyzw"]
+        wxyz = [turn[3], *turn[:3]]
+        return _stored(quaternion_to_matrix(wxyz), content["time_offset_s"], path)
+    except (KeyError, TypeError, IndexError, ValueError) as error:
+        raise InputError(f"{path} is no {form} file of ours: {error!r}") from None
+
+
+def _to_kalibr(calibration: StoredCalibration) -> str:
+    T_cam_body = np.eye(4)
+    T_cam_body[:3, :3] = calibration.R_body_cam.T
+    rows = "\n".join(f"  - [{', '.join(_number(x) for x in row)}]" for row in T_cam_body)
+    return (
+        "# T_cam_imu maps points from the body frame (in place of Kalibr's IMU) to the camera:\n"
+        "#   p_cam = T_cam_imu p_body.  The translation is not observed and written as zero.\n"
+        "# timeshift_cam_imu: t_body = t_cam + shift [s].\n"
+        f"cam0:\n  T_cam_imu:\n{rows}\n  timeshift_cam_imu: {_number(calibration.offset)}\n"
+    )
+
+
+def _to_ros_tf(calibration: StoredCalibration) -> str:
+    w, x, y, z = matrix_to_quaternion(calibration.R_body_cam)
+    numbers = ", ".join(_number(q) for q in (x, y, z, w))
+    return (
+        "# Transform of the camera's optical frame in the body frame: p_body = R p_cam.\n"
+        "# The translation is not observed and written as zero.  As a command:\n"
+        "#   ros2 run tf2_ros static_transform_publisher"
+        f" --qx {_number(x)} --qy {_number(y)} --qz {_number(z)} --qw {_number(w)}"
+        " --frame-id base_link --child-frame-id camera_optical_frame\n"
+        "# time_offset_s: t_body = t_cam + offset; tf has no place for it.\n"
+        "frame_id: base_link\nchild_frame_id: camera_optical_frame\n"
+        f"translation: [0.0, 0.0, 0.0]\nrotation_xyzw: [{numbers}]\n"
+        f"time_offset_s: {_number(calibration.offset)}\n"
+    )
+
+
+def _to_urdf(calibration: StoredCalibration) -> str:
+    rpy = " ".join(_number(a) for a in matrix_to_rpy(calibration.R_body_cam))
+    return (
+        "<!-- Pose of the camera's optical frame in the body frame: p_body = R p_cam, with\n"
+        "     R = Rz(yaw) Ry(pitch) Rx(roll).  The translation is not observed and written as\n"
+        f"     zero.  Time offset: t_body = t_cam + {_number(calibration.offset)} s. -->\n"
+        '<joint name="camera_optical_joint" type="fixed">\n'
+        '  <parent link="base_link"/>\n'
+        '  <child link="camera_optical_frame"/>\n'
+        f'  <origin xyz="0 0 0" rpy="{rpy}"/>\n'
+        "</joint>\n"
+    )
+
+
+def _from_urdf(path: str | Path) -> StoredCalibration:
+
+    text = read_text(path, LARGEST_YAML)
+    found = re.search(r'rpy="([^"]+)"', text)
+    offset = re.search(r"t_body = t_cam \+ (\S+) s", text)
+    if found is None or offset is None:
+        raise InputError(f"{path} is no urdf file of ours")
+    angles = [float(x) for x in found.group(1).split()]
+    return _stored(rpy_matrix(angles), offset.group(1), path)
+
+
+def _number(value: float) -> str:
+    """Return the shortest text that reads back as the same number, always with a point."""
+    return repr(float(value))
+
+
+def _stored(matrix: Any, offset: Any, path: str | Path) -> StoredCalibration:
+    try:
+        R = np.array(matrix, dtype=np.float64)
+        shift = float("nan") if isinstance(offset, bool) else float(offset)
+    except (TypeError, ValueError):
+        raise InputError(f"{path}: rotation and offset must be numbers") from None
+    square = R.shape == (3, 3) and bool(np.all(np.abs(R) <= 2))
+    off = np.abs(R.T @ R - np.eye(3)).max() if square else np.inf
+    if not (off < 1e-6 and np.linalg.det(R) > 0 and np.isfinite(shift)):
+        raise InputError(f"{path}: R_body_cam must be a 3 x 3 rotation and the offset finite")
+    return StoredCalibration(R, shift)
+
+
+def summary_text(calibration: Calibration) -> str:
+    """Return a calibration for people to read."""
+    sd = [math.degrees(math.sqrt(x)) for x in np.diag(calibration.rotation_covariance)]
+    low, high = calibration.offset_interval
+    used, mixture = len(calibration.residuals.t), calibration.diagnostics.mixture
+    offset = f"Offset     {calibration.offset:+.4f} s"
+    if calibration.offset_observable:
+        offset += f"   sd {calibration.offset_sd:.4f} s, 95 % from {low:+.4f} to {high:+.4f} s"
+    else:
+        origin = "assumed" if calibration.settings.get("offset") is None else "as given"
+        offset += f"   {origin}; not observable (plausible: {low:+.2f} to {high:+.2f} s)"
+    rows = [
+        "Rotation   R_body_cam, v_body = R_body_cam v_cam",
+        *("           " + " ".join(f"{x:+9.5f}" for x in row) for row in calibration.R_body_cam),
+        "           sd about body x, y, z: "
+        + ", ".join(f"{min(x, 180.0):.2f}" for x in sd)
+        + " deg;"
+        f" error within {math.degrees(calibration.rotation_radius):.2f} deg (95 %)",
+        offset,
+        "           t_body = t_cam + offset",
+        f"Headings   {used} used, {100 * mixture.inliers:.0f} % inliers,"
+        f" noise {math.degrees(mixture.sigma):.2f} deg per axis",
+        "",
+        f"Verdict    {calibration.verdict.summary}",
+        *(f"  - {reason}" for reason in calibration.verdict.reasons),
+    ]
+    if calibration.verdict.advice:
+        rows += ["What would tell", *(f"  - {advice}" for advice in calibration.verdict.advice)]
+    return "\n".join(rows)

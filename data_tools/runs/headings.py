@@ -1,0 +1,137 @@
+"""From a recording's files to its headings: what ``evcalib headings`` runs."""
+
+from __future__ import annotations
+
+import re
+import time
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from tqdm.auto import tqdm
+
+from data_tools.logs.camera_files import read_camera
+from data_tools.recordings import Recording, open_recording
+from evcalib._heading_result import HeadingEstimate
+from evcalib.camera import Camera
+from evcalib.errors import InputError
+from evcalib.events import Events
+from evcalib.heading import estimate_headings
+
+
+@dataclass(frozen=True, eq=False)
+class RecordingHeadings:
+    """Headings of a recording, and what sums them up: counts, and why windows have none."""
+
+    estimate: HeadingEstimate
+    summary: str
+
+
+def parse_size(size: str) -> tuple[int, int]:
+    """Return (width, height) [px] of a text like ``240x180``."""
+    found = re.fullmatch(r"([1-9]\d{0,4})x([1-9]\d{0,4})", size.strip())
+    if found is None:
+        raise InputError(f"the size must be WIDTHxHEIGHT in pixels, like 240x180, not {size!r}")
+    return int(found.group(1)), int(found.group(2))
+
+
+def open_with_camera(
+    recording: str | Path, camera: str | Path, *, size: str | None = None, **options: Any
+) -> tuple[Recording, Camera]:
+    """Open a recording and the camera that made it, whose sizes must be the same.
+
+    Parameters
+    ----------
+    recording, camera, size
+        As in `headings_from_files`.
+    **options
+        As in :func:`data_tools.recordings.open_recording`.
+    """
+    chain = Path(camera).suffix.lower() in (".yaml", ".yml")
+    if chain or size is not None:
+        lens = read_camera(camera, *((None, None) if size is None else parse_size(size)))
+        return open_recording(recording, size=(lens.width, lens.height), **options), lens
+    opened = open_recording(recording, **options)
+    return opened, read_camera(camera, opened.width, opened.height)
+
+
+def headings_from_files(
+    recording: str | Path,
+    camera: str | Path,
+    *,
+    size: str | None = None,
+    surface: str = "tos_ts",
+    solver: str = "two_point",
+    rate: float = 20.0,
+    seed: int = 0,
+    time_unit: str | None = None,
+    format: str | None = None,
+    origin_us: int | None = None,
+    disorder: str = "refuse",
+    stream: str | None = None,
+) -> RecordingHeadings:
+    """Read a recording in pieces and estimate its headings.
+
+    Parameters
+    ----------
+    recording : path
+        Events in any format that is known.
+    camera : path
+        The Event Camera Dataset's calib.txt or Kalibr's camchain.
+    size : str, optional
+        ``WIDTHxHEIGHT`` [px], needed where neither the camera file nor the recording tells it.
+    time_unit, format, origin_us, disorder, stream
+        As in :func:`data_tools.recordings.open_recording`.
+    surface, solver, rate, seed
+        As in :func:`evcalib.heading.estimate_headings`.
+    """
+    opened, lens = open_with_camera(
+        recording,
+        camera,
+        size=size,
+        time_unit=time_unit,
+        format=format,
+        origin_us=origin_us,
+        disorder=disorder,
+        stream=stream,
+    )
+    started = time.perf_counter()
+    estimate = estimate_headings(
+        with_progress(iter(opened)), lens, surface=surface, solver=solver, rate=rate, seed=seed
+    )
+    seconds = time.perf_counter() - started
+    return RecordingHeadings(estimate, _summary(estimate, opened, seconds))
+
+
+def _summary(estimate: HeadingEstimate, recording: Recording, seconds: float) -> str:
+    events, found = estimate.counts.events, len(estimate.headings)
+    inliers = estimate.headings.inliers
+    median = int(np.median(inliers)) if inliers is not None and found else 0
+    lines = [
+        f"{events} events in {seconds:.1f} s ({events / seconds / 1e6:.2f} million/s);"
+        f" {found} headings of {found + len(estimate.gaps)} windows, {median} inliers (median)"
+    ]
+    reasons = Counter(gap.reason for gap in estimate.gaps)
+    if reasons:
+        lines.append("no heading: " + _counted(reasons.most_common()))
+    lost = [(reason, count) for reason, count in recording.losses.items() if count]
+    if lost:
+        lines.append("not used of the recording: " + _counted(lost))
+    if recording.origin_us:
+        lines.append(f"times count from {recording.origin_us} us of the recording's clock")
+    return "\n".join([*lines, *recording.notes])
+
+
+def _counted(reasons: list[tuple[str, int]]) -> str:
+    return ", ".join(f"{count} x {reason}" for reason, count in reasons)
+
+
+def with_progress(stream: Iterator[Events], what: str = "reading") -> Iterator[Events]:
+    """Pass pieces on, counting events on a terminal or in Jupyter only."""
+    with tqdm(desc=what, unit=" events", unit_scale=True, disable=None, leave=False) as bar:
+        for piece in stream:
+            yield piece
+            bar.update(len(piece))

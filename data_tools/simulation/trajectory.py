@@ -1,0 +1,132 @@
+"""The motion of a body in the world, sampled and interpolated."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import PchipInterpolator
+from scipy.spatial.transform import Rotation, Slerp
+
+from data_tools.simulation.drives import Drive
+from data_tools.simulation.streams import dead_reckon
+from evcalib import _check
+from evcalib.errors import InputError
+from evcalib.series import VelocitySeries
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """Positions and rotations of a body over time.
+
+    Between samples the position is a monotone cubic (it never overshoots a corner) and the
+    rotation turns at a constant rate; 200 samples per second follow any drive.
+
+    Attributes
+    ----------
+    t : ndarray, shape (n,)
+        Times [s], strictly increasing, at least two.
+    position : ndarray, shape (n, 3)
+        Position of the body in the world [m], Z up.
+    rotation : ndarray, shape (n, 3, 3)
+        Rotations R_world_body; given so, or as angles about the world's Z [rad], shape (n,), or
+        not at all for none.
+
+    Raises
+    ------
+    InputError
+        If a shape or value is unusable, or a matrix is not a rotation.
+    """
+
+    t: Floats
+    position: Floats
+    rotation: Floats | None = None
+
+    def __post_init__(self) -> None:
+        t = _check.times(self.t, "trajectory t")
+        if t.size < 2:
+            raise InputError(f"a trajectory needs at least two samples, not {t.size}")
+        position = _check.floats(self.position, "trajectory position", (t.size, 3))
+        object.__setattr__(self, "t", t)
+        object.__setattr__(self, "position", position)
+        object.__setattr__(self, "rotation", _rotations(self.rotation, t.size))
+
+    @classmethod
+    def of_drive(cls, drive: Drive, *, offset: float = 0.0, rate: float = 500.0) -> Trajectory:
+        """Return a drive on the camera's clock, started at the origin.
+
+        Parameters
+        ----------
+        drive : Drive
+            Planar drive, on the body's clock.
+        offset : float
+            ``t_body = t_cam + offset`` [s].  Camera times below zero are cut off.
+        rate : float
+            Samples per second.
+        """
+        count = int(np.ceil(drive.duration * _check.positive(rate, "rate"))) + 1
+        t = np.linspace(0.0, drive.duration, count)
+        yaw_rate = drive.yaw_rate(t)
+        position = dead_reckon(VelocitySeries(t, drive.velocity(t), yaw_rate))
+        mean_rate = 0.5 * (yaw_rate[1:] + yaw_rate[:-1])
+        yaw = np.concatenate([[0.0], np.cumsum(mean_rate * np.diff(t))])
+        keep = t >= offset
+        return cls(t[keep] - offset, position[keep], yaw[keep])
+
+    def position_at(self, t: ArrayLike) -> Floats:
+        """Return positions [m] at times [s] within the trajectory, shape (n, 3)."""
+        return self._curve(self._inside(t))
+
+    def velocity_at(self, t: ArrayLike) -> Floats:
+        """Return velocities in the world [m/s], shape (n, 3)."""
+        return self._curve(self._inside(t), 1)
+
+    def rotation_at(self, t: ArrayLike) -> Floats:
+        """Return rotations R_world_body, shape (n, 3, 3)."""
+        return self._turn(self._inside(t)).as_matrix()
+
+    def rate_at(self, t: ArrayLike) -> Floats:
+        """Return angular rates in the body frame [rad/s], shape (n, 3)."""
+        row = np.searchsorted(self.t, self._inside(t), side="right") - 1
+        return self._rates[np.minimum(row, self.t.size - 2)]
+
+    @cached_property
+    def _curve(self) -> PchipInterpolator:
+        return PchipInterpolator(self.t, self.position)
+
+    @cached_property
+    def _turn(self) -> Slerp:
+        return Slerp(self.t, Rotation.from_matrix(self.rotation))
+
+    @cached_property
+    def _rates(self) -> Floats:
+        samples = Rotation.from_matrix(self.rotation)
+        return (samples[:-1].inv() * samples[1:]).as_rotvec() / np.diff(self.t)[:, None]
+
+    def _inside(self, t: ArrayLike) -> Floats:
+        times = _check.floats(t, "t", (None,))
+        out = (times < self.t[0] - 1e-9) | (times > self.t[-1] + 1e-9)
+        if out.any():
+            raise InputError(
+                f"time {times[out][0]:.6f} s is outside the trajectory, which runs from"
+                f" {self.t[0]:.6f} to {self.t[-1]:.6f} s"
+            )
+        return np.clip(times, self.t[0], self.t[-1])
+
+
+def _rotations(given: ArrayLike | None, n: int) -> Floats:
+    """Return rotation matrices, shape (n, 3, 3), of angles about Z or of matrices."""
+    values = np.zeros(n) if given is None else np.asarray(given)
+    if values.ndim == 1:
+        angles = _check.floats(values, "trajectory rotation", (n,))
+        return Rotation.from_rotvec(np.outer(angles, [0.0, 0.0, 1.0])).as_matrix()
+    matrices = _check.floats(values, "trajectory rotation", (n, 3, 3))
+    off = np.abs(matrices @ matrices.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
+    off = np.maximum(off, np.abs(np.linalg.det(matrices) - 1.0))
+    if off.max() > 1e-6:
+        raise InputError(f"trajectory rotation {int(off.argmax())} is not a rotation matrix")
+    return matrices

@@ -1,0 +1,1 @@
+"""Runs trials wherever there is room, keeps each, survives being killed."""

@@ -1,0 +1,159 @@
+"""Lists of recordings to calibrate: YAML, read strictly, so that a slip is an error and no default.
+
+Paths are relative to the list; ``defaults`` stand for what an entry leaves out::
+
+    defaults:
+      camera: calib.txt
+      vehicle: vehicle.yaml
+    recordings:
+      - recording: monday/events.txt.gz
+        wheels: monday/wheels.csv
+        name: monday
+      - recording: tuesday/events.aedat4
+        velocities: tuesday/velocities.csv
+        size: 346x260
+        max_offset: 2.0
+
+Each entry needs ``recording``, ``camera``, and either ``velocities`` or both ``wheels`` and
+``vehicle``; what an entry says of its motion replaces all that the defaults say of it.  ``name``,
+under which its results are kept, is the recording's file name up to its first point if not given.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+from collections.abc import Callable
+from collections.abc import Mapping as AnyMapping
+from pathlib import Path
+from typing import Any
+
+from data_tools.files.text import Mapping, read_yaml
+from evcalib.errors import InputError
+
+Entry = dict[str, Any]
+"""One recording: what of `KEYS` it has, paths made absolute."""
+
+MOTION = ("wheels", "vehicle", "velocities")
+"""Keys that say how the body moved."""
+
+NAME = re.compile(r"[\w][\w .+-]*")
+
+
+def _path(value: Any, home: Path) -> str:
+    if not isinstance(value, str) or not value.strip():
+        raise InputError("must be a path")
+    return os.path.abspath(home / value)
+
+
+def _size(value: Any, home: Path) -> list[int]:
+    found = re.fullmatch(r"(\d+)x(\d+)", value) if isinstance(value, str) else None
+    if found is None or "0" in found.groups():
+        raise InputError("must be WIDTHxHEIGHT in pixels, like 346x260")
+    return [int(number) for number in found.groups()]
+
+
+def _seconds(value: Any, home: Path) -> float:
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    if not (number and math.isfinite(value) and value > 0):
+        raise InputError("must be a positive number of seconds")
+    return float(value)
+
+
+def _name(value: Any, home: Path) -> str:
+    if not isinstance(value, str) or NAME.fullmatch(value) is None:
+        raise InputError("must be letters, digits, and _ . + - or blanks: it names a folder")
+    return value
+
+
+KEYS: dict[str, Callable[[Any, Path], Any]] = {
+    "name": _name,
+    "recording": _path,
+    "camera": _path,
+    "wheels": _path,
+    "vehicle": _path,
+    "velocities": _path,
+    "size": _size,
+    "max_offset": _seconds,
+}
+"""What an entry may hold, and how each value is read."""
+
+
+def read_list(path: str | Path) -> tuple[Entry, ...]:
+    """Read a list of recordings.
+
+    Raises
+    ------
+    InputError
+        If it is not such a list; the message names line and key.
+    """
+    path = Path(path)
+    content = read_yaml(path)
+    if not isinstance(content, dict) or not isinstance(content.get("recordings"), list):
+        raise InputError(f"{path} needs the key recordings with a list of entries")
+    unknown = [str(key) for key in content if key not in ("defaults", "recordings")]
+    if unknown:
+        raise InputError(f"{path}: unknown key(s) {', '.join(unknown)} beside the recordings")
+    if not content["recordings"]:
+        raise InputError(f"{path}: the list of recordings is empty")
+    home = path.absolute().parent
+    defaults = _read(content.get("defaults") or {}, home, f"{path}: defaults")
+    if "name" in defaults or "recording" in defaults:
+        raise InputError(f"{path}: defaults cannot hold name or recording: they are each entry's")
+    entries, lines = [], dict[str, str]()
+    for given in content["recordings"]:
+        where = f"{path}, line {given.line}" if isinstance(given, Mapping) else str(path)
+        entry = _complete(_read(given, home, where), defaults, where)
+        folded = entry["name"].casefold()
+        if folded in lines:
+            raise InputError(
+                f"{where}: the name {entry['name']} is taken by {lines[folded]}; give a `name`"
+            )
+        lines[folded] = where
+        entries.append(entry)
+    return tuple(entries)
+
+
+def _read(given: Any, home: Path, where: str) -> Entry:
+    if not isinstance(given, dict):
+        raise InputError(f"{where}: must be `key: value` lines, not {given!r}")
+    unknown = [str(key) for key in given if key not in KEYS]
+    if unknown:
+        raise InputError(
+            f"{where}: unknown key(s) {', '.join(unknown)}; there are {', '.join(KEYS)}"
+        )
+    entry = {}
+    for key, value in given.items():
+        try:
+            entry[key] = KEYS[key](value, home)
+        except InputError as error:
+            raise InputError(f"{where}: {key} {error}, not {value!r}") from None
+    return entry
+
+
+def _complete(entry: Entry, defaults: AnyMapping[str, Any], where: str) -> Entry:
+    """Return the entry with defaults and a name, its keys in the order of `KEYS`."""
+    if "velocities" in entry:
+        defaults = {key: value for key, value in defaults.items() if key not in MOTION}
+    elif "wheels" in entry or "vehicle" in entry:
+        defaults = {key: value for key, value in defaults.items() if key != "velocities"}
+    entry = {**defaults, **entry}
+    missing = [key for key in ("recording", "camera") if key not in entry]
+    if "velocities" not in entry:
+        missing += [key for key in ("wheels", "vehicle") if key not in entry]
+        if missing[-2:] == ["wheels", "vehicle"]:
+            missing[-2:] = ["velocities (or wheels and vehicle)"]
+    elif "wheels" in entry or "vehicle" in entry:
+        raise InputError(f"{where}: give either velocities, or wheels and vehicle")
+    if missing:
+        raise InputError(f"{where}: there is no {', no '.join(missing)}")
+    if "name" not in entry:
+        stem = Path(entry["recording"]).name.split(".")[0]
+        try:
+            entry["name"] = _name(stem, Path())
+        except InputError:
+            raise InputError(
+                f"{where}: the recording's name makes no folder; give a `name`"
+            ) from None
+    return {key: entry[key] for key in KEYS if key in entry}
