@@ -19,13 +19,15 @@ Vehicle-Mounted Event Cameras", IEEE RA-L 9(3), 2024, doi 10.1109/LRA.2024.33557
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from evcalib import _moved
+
 if TYPE_CHECKING:
-    from evcalib.calibration import align
+    from evcalib.alignment import Calibration, align
     from evcalib.camera import Camera
     from evcalib.errors import EvcalibError, InputError
     from evcalib.events import Events
     from evcalib.heading import estimate_headings
-    from evcalib.results import Calibration
+    from evcalib.pipeline import calibrate
     from evcalib.series import HeadingSeries, VelocitySeries
 
 __version__ = "0.1.0"
@@ -44,25 +46,35 @@ __all__ = [
 ]
 
 _HOMES = {
-    "Calibration": "results",
+    "Calibration": "alignment",
     "Camera": "camera",
     "EvcalibError": "errors",
     "Events": "events",
     "HeadingSeries": "series",
     "InputError": "errors",
     "VelocitySeries": "series",
-    "align": "calibration",
+    "align": "alignment",
     "calibrate": "pipeline",
     "estimate_headings": "heading",
 }
 
+_MODULES = (
+    *("camera", "errors", "events", "geometry", "poses", "series"),
+    *("surfaces", "features", "heading", "kinematics", "alignment", "joint", "pipeline"),
+    *("uncertainty", "baselines", "design", "plots", "report", "widgets"),
+)
+
+_moved.install(_moved.MOVED)
+
 
 def __getattr__(name: str) -> Any:
-    """Import a public name when it is first used, so that ``import evcalib`` stays quick."""
-    if name not in _HOMES:
-        raise AttributeError(f"module 'evcalib' has no attribute {name!r}")
-    return getattr(import_module(f"evcalib.{_HOMES[name]}"), name)
+    """Import a public name or module when it is first used, so that importing evcalib is quick."""
+    if name in _HOMES:
+        return getattr(import_module(f"evcalib.{_HOMES[name]}"), name)
+    if name in _MODULES:
+        return import_module(f"evcalib.{name}")
+    raise AttributeError(f"module 'evcalib' has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:
-    return sorted(__all__)
+    return sorted((*__all__, *_MODULES))

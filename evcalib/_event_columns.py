@@ -5,13 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from evcalib.arrays import Flags, Integers
+from evcalib.checks import whole_us
 from evcalib.errors import InputError
 
 MAX_TIME_US = 10**14
 """Times above this [us], about three years, are taken for Unix time or for nanoseconds."""
-
-MAX_SIDE = 65_535
-"""Largest width or height [px] whose pixels uint16 can count."""
 
 _PER_UNIT = {"s": 1_000_000, "ms": 1_000}
 
@@ -19,21 +18,6 @@ _PER_UNIT = {"s": 1_000_000, "ms": 1_000}
 def _owned(values: NDArray, dtype: type) -> NDArray:
     """Return the column as the kernels take it: native, aligned, contiguous."""
     return np.require(values, dtype, ("C", "A"))
-
-
-def whole_us(value: int, name: str) -> int:
-    """Return a point in time [us] that is a whole number, of any size."""
-    if not isinstance(value, int | np.integer):
-        raise InputError(f"{name} must be whole microseconds (int), not {value!r}")
-    return int(value)
-
-
-def side(value: int, name: str) -> int:
-    """Return a width or height [px]."""
-    number = int(value) if isinstance(value, int | np.integer) else 0
-    if not 1 <= number <= MAX_SIDE:
-        raise InputError(f"{name} must be a whole number of 1 to {MAX_SIDE} pixels, not {value!r}")
-    return number
 
 
 def _column(values: ArrayLike, name: str) -> NDArray:
@@ -72,7 +56,7 @@ def pixels(column: ArrayLike, name: str, side: int, side_name: str) -> NDArray[n
     return _owned(values, np.uint16)
 
 
-def times_us(column: ArrayLike) -> NDArray[np.int64]:
+def times_us(column: ArrayLike) -> Integers:
     """Return ascending times of a plausible size [us]."""
     t = integers(column, "t")
     if not t.size:
@@ -94,7 +78,7 @@ def times_us(column: ArrayLike) -> NDArray[np.int64]:
     return _owned(t, np.int64)
 
 
-def polarity(values: ArrayLike) -> NDArray[np.bool_]:
+def polarity(values: ArrayLike) -> Flags:
     """Return polarities from booleans or from one of the two codings."""
     p = _column(values, "p")
     if p.dtype == np.bool_:
@@ -140,7 +124,7 @@ def to_us(values: ArrayLike, unit: str) -> NDArray:
     return np.rint(t.astype(np.float64) * scale).astype(np.int64)
 
 
-def minus(t: NDArray, origin: int) -> NDArray[np.int64]:
+def minus(t: NDArray, origin: int) -> Integers:
     """Subtract an origin [us] without wrapping around."""
     origin = whole_us(origin, "origin_us")
     limit = np.iinfo(np.int64).max

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from evcalib import _check
+from evcalib import checks
+from evcalib.arrays import Floats
 from evcalib.errors import InputError
 
 _COEFFICIENTS = {"radtan": (0, 4, 5), "fisheye": (0, 4)}
@@ -58,16 +59,16 @@ class Camera:
 
     def __post_init__(self) -> None:
         for name in ("width", "height"):
-            value = _check.positive(getattr(self, name), f"camera {name}", "pixels")
+            value = checks.positive(getattr(self, name), f"camera {name}", "pixels")
             if value != int(value):
                 raise InputError(f"camera {name} must be a whole number of pixels, not {value}")
             object.__setattr__(self, name, int(value))
         for name in ("fx", "fy"):
-            value = _check.positive(getattr(self, name), f"camera {name}", "pixels")
+            value = checks.positive(getattr(self, name), f"camera {name}", "pixels")
             object.__setattr__(self, name, value)
-        cx, cy = _check.floats((self.cx, self.cy), "camera cx, cy", (2,))
-        model = _check.one_of(self.model, "camera model", tuple(_COEFFICIENTS))
-        given = _check.floats(self.distortion, "camera distortion", (None,))
+        cx, cy = checks.floats((self.cx, self.cy), "camera cx, cy", (2,))
+        model = checks.one_of(self.model, "camera model", tuple(_COEFFICIENTS))
+        given = checks.floats(self.distortion, "camera distortion", (None,))
         if given.size not in _COEFFICIENTS[model]:
             counts = ", ".join(str(n) for n in _COEFFICIENTS[model])
             raise InputError(f"a {model} camera has {counts} coefficients, not {given.size}")
@@ -76,7 +77,7 @@ class Camera:
         object.__setattr__(self, "distortion", tuple(float(k) for k in given))
 
     @property
-    def matrix(self) -> NDArray[np.float64]:
+    def matrix(self) -> Floats:
         """The 3 x 3 matrix K [px]."""
         return np.array([[self.fx, 0, self.cx], [0, self.fy, self.cy], [0, 0, 1.0]])
 
@@ -93,7 +94,7 @@ class Camera:
                 f" {width}x{height}; use the calibration of this resolution"
             )
 
-    def bearings(self, pixels: ArrayLike) -> NDArray[np.float64]:
+    def bearings(self, pixels: ArrayLike) -> Floats:
         """Return unit bearings in the camera frame.
 
         Parameters
@@ -107,7 +108,7 @@ class Camera:
             Unit vectors.  Rows of NaN where no direction maps to the pixel, because the
             distortion turns back before it.
         """
-        xy = _check.floats(pixels, "pixels", (None, 2))
+        xy = checks.floats(pixels, "pixels", (None, 2))
         distorted = (xy - (self.cx, self.cy)) / (self.fx, self.fy)
         if self.model == "fisheye":
             return self._fisheye_bearings(distorted)
@@ -115,7 +116,7 @@ class Camera:
         rays = np.column_stack((plane, np.ones(len(plane))))
         return rays / np.linalg.norm(rays, axis=1, keepdims=True)
 
-    def project(self, bearings: ArrayLike) -> NDArray[np.float64]:
+    def project(self, bearings: ArrayLike) -> Floats:
         """Return the pixels of bearings.
 
         Parameters
@@ -130,7 +131,7 @@ class Camera:
             directions behind a ``radtan`` camera, and for those beyond the angle where the
             distortion turns back.
         """
-        rays = _check.floats(bearings, "bearings", (None, 3))
+        rays = checks.floats(bearings, "bearings", (None, 3))
         if self.model == "fisheye":
             distorted = self._fisheye_plane(rays)
         else:

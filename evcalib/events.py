@@ -10,9 +10,10 @@ from typing import overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from evcalib import _check
 from evcalib import _event_columns as take
+from evcalib import checks
 from evcalib._event_columns import MAX_TIME_US
+from evcalib.arrays import Flags, Integers
 from evcalib.errors import InputError
 
 _FIELDS = {
@@ -57,13 +58,13 @@ class Events:
 
     x: NDArray[np.uint16]
     y: NDArray[np.uint16]
-    t: NDArray[np.int64]
-    p: NDArray[np.bool_]
+    t: Integers
+    p: Flags
     width: int
     height: int
 
     def __post_init__(self) -> None:
-        width, height = take.side(self.width, "width"), take.side(self.height, "height")
+        width, height = checks.side(self.width, "width"), checks.side(self.height, "height")
         t = take.times_us(self.t)
         columns = {
             "x": take.pixels(self.x, "x", width, "width"),
@@ -111,7 +112,7 @@ class Events:
         InputError
             As the class; and if times are floats without a `time_unit` that says what they are.
         """
-        stamps = take.to_us(t, _check.one_of(time_unit, "time_unit", ("us", "s", "ms", "ns")))
+        stamps = take.to_us(t, checks.one_of(time_unit, "time_unit", ("us", "s", "ms", "ns")))
         if origin_us:
             stamps = take.minus(stamps, origin_us)
         return cls(x, y, stamps, p, width, height)  # type: ignore[arg-type]
@@ -169,9 +170,9 @@ class Events:
     @overload
     def __getitem__(self, rows: slice) -> Events: ...
     @overload
-    def __getitem__(self, rows: NDArray[np.bool_]) -> Events: ...
+    def __getitem__(self, rows: Flags) -> Events: ...
 
-    def __getitem__(self, rows: slice | NDArray[np.bool_]) -> Events:
+    def __getitem__(self, rows: slice | Flags) -> Events:
         """Return the events of a forward slice (views) or of a boolean mask (copies)."""
         if isinstance(rows, slice):
             if rows.step not in (None, 1):
@@ -195,7 +196,7 @@ class Events:
 
     def between(self, t0_us: int, t1_us: int) -> Events:
         """Return the events with t0_us <= t < t1_us (whole microseconds), as views."""
-        bounds = take.whole_us(t0_us, "t0_us"), take.whole_us(t1_us, "t1_us")
+        bounds = checks.whole_us(t0_us, "t0_us"), checks.whole_us(t1_us, "t1_us")
         limits = [min(max(bound, -1), MAX_TIME_US + 1) for bound in bounds]
         start, stop = np.searchsorted(self.t, limits)
         return self[int(start) : int(stop)]

@@ -6,14 +6,13 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation, Slerp
 
-from evcalib import _check
-from evcalib._times import segments
+from evcalib import checks
+from evcalib.arrays import Floats, Integers
 from evcalib.errors import InputError
-
-Floats = NDArray[np.float64]
+from evcalib.series import segments
 
 MIN_POSES = 3
 """Fewest poses of a trajectory: two motions."""
@@ -54,16 +53,16 @@ class PoseSeries:
     max_gap: float | None = None
 
     def __post_init__(self) -> None:
-        t = _check.times(self.t, "pose t")
+        t = checks.times(self.t, "pose t")
         if t.size < MIN_POSES:
             raise InputError(
                 f"a trajectory of {t.size} pose(s) is too short: at least {MIN_POSES} are needed"
             )
-        position = _check.floats(self.position, "pose position", (t.size, 3))
+        position = checks.floats(self.position, "pose position", (t.size, 3))
         object.__setattr__(self, "t", t)
         object.__setattr__(self, "position", position)
         object.__setattr__(self, "rotation", _rotations(self.rotation, t.size))
-        _check.positive(self.gap, "max_gap", "seconds")
+        checks.positive(self.gap, "max_gap", "seconds")
 
     def __len__(self) -> int:
         return int(self.t.size)
@@ -83,7 +82,7 @@ class PoseSeries:
         """Rotations R_world_sensor, shape (n, 3, 3)."""
         return np.asarray(self.rotation, dtype=np.float64)
 
-    def segment_at(self, t: ArrayLike) -> NDArray[np.int64]:
+    def segment_at(self, t: ArrayLike) -> Integers:
         """Return the number of the segment between gaps that holds each time [s], of any shape.
 
         It is -1 outside the trajectory and in gaps.
@@ -105,7 +104,7 @@ class PoseSeries:
         InputError
             If a time is outside the trajectory or in a gap: nothing is extrapolated.
         """
-        times = _check.floats(t, "t", (None,))
+        times = checks.floats(t, "t", (None,))
         missing = self.segment_at(times) < 0
         if missing.any():
             raise InputError(
@@ -130,7 +129,7 @@ def _rotations(given: ArrayLike | None, n: int) -> Floats:
     if given is None:
         return np.tile(np.eye(3), (n, 1, 1))
     if np.ndim(given) == 2:
-        wxyz = _check.floats(given, "pose quaternion (w, x, y, z)", (n, 4))
+        wxyz = checks.floats(given, "pose quaternion (w, x, y, z)", (n, 4))
         off = np.abs(np.linalg.norm(wxyz, axis=1) - 1.0)
         if off.max() > UNIT_TOLERANCE:
             row = int(np.argmax(off > UNIT_TOLERANCE))
@@ -139,9 +138,61 @@ def _rotations(given: ArrayLike | None, n: int) -> Floats:
                 " is it a unit quaternion, in the right columns?"
             )
         return Rotation.from_quat(wxyz[:, [1, 2, 3, 0]]).as_matrix()
-    matrices = _check.floats(given, "pose rotation", (n, 3, 3))
+    matrices = checks.floats(given, "pose rotation", (n, 3, 3))
     off = np.abs(matrices @ matrices.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
     off = np.maximum(off, np.abs(np.linalg.det(matrices) - 1.0))
     if off.max() > 1e-6:
         raise InputError(f"pose {int(np.argmax(off > 1e-6))} has a matrix that is not a rotation")
     return matrices
+
+
+KEYFRAMES = 50
+"""Poses that are taken, evenly spread: every pair of them is a motion."""
+
+
+@dataclass(frozen=True, eq=False)
+class Motions:
+    """Poses of the camera and of the body at the same instants.
+
+    Attributes
+    ----------
+    camera, body : ndarray, shape (n, 3)
+        Positions, each in a world of its own.
+    camera_turn, body_turn : ndarray, shape (n, 3, 3)
+        Rotations R_world_sensor.
+    """
+
+    camera: Floats
+    camera_turn: Floats
+    body: Floats
+    body_turn: Floats
+
+
+def associate(
+    camera: PoseSeries, body: PoseSeries, offsets: Floats, *, keyframes: int = KEYFRAMES
+) -> Floats:
+    """Return camera times, evenly spread over those that the body's poses cover at all offsets.
+
+    Offsets between the smallest and the largest count too: no time moves across a gap.
+
+    Raises
+    ------
+    InputError
+        If fewer than three are covered.
+    """
+    low, high = float(offsets.min()), float(offsets.max())
+    first, last = body.segment_at(camera.t + low), body.segment_at(camera.t + high)
+    t = camera.t[(first >= 0) & (first == last)]
+    if t.size < MIN_POSES:
+        raise InputError(
+            f"trajectories: the camera's ({camera.t[0]:.3f} to {camera.t[-1]:.3f} s) and the"
+            f" body's ({body.t[0]:.3f} to {body.t[-1]:.3f} s) share {t.size} pose(s) at offsets of"
+            f" {low:g} to {high:g} s, and {MIN_POSES} are needed; check the clocks,"
+            " or search less far"
+        )
+    return t[np.unique(np.linspace(0, t.size - 1, min(keyframes, t.size)).round().astype(int))]
+
+
+def motions(camera: PoseSeries, body: PoseSeries, t: Floats, offset: float) -> Motions:
+    """Return both poses at camera times `t` [s], the body's by interpolation at t + offset."""
+    return Motions(*camera.at(t), *body.at(t + offset))

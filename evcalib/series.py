@@ -7,21 +7,21 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from evcalib import _check
+from evcalib import checks
+from evcalib.arrays import Flags, Floats, Integers
 from evcalib.errors import InputError
 
 MAX_SPEED = 100.0
 """Speeds above this [m/s] are taken for a mistake of units."""
 
-
 _TOUCH = 1e-5
 """Times [s] may lie so far outside their interval, by rounding."""
 
 
-def _optional(values: object, name: str, n: int) -> NDArray[np.float64] | None:
+def _optional(values: object, name: str, n: int) -> Floats | None:
     if values is None:
         return None
-    return _check.floats(values, name, (n,))  # type: ignore[arg-type]
+    return checks.floats(values, name, (n,))  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,15 +50,15 @@ class VelocitySeries:
     array([1., 1.])
     """
 
-    t: NDArray[np.float64]
-    v: NDArray[np.float64]
-    yaw_rate: NDArray[np.float64] | None = None
+    t: Floats
+    v: Floats
+    yaw_rate: Floats | None = None
     frame: str = "body"
 
     def __post_init__(self) -> None:
-        t = _check.times(self.t, "velocity t")
+        t = checks.times(self.t, "velocity t")
         _set(self, "t", t)
-        _set(self, "v", _check.floats(self.v, "velocity v", (t.size, 3)))
+        _set(self, "v", checks.floats(self.v, "velocity v", (t.size, 3)))
         _set(self, "yaw_rate", _optional(self.yaw_rate, "yaw_rate", t.size))
         speed = self.speed
         if speed.size and speed.max() > MAX_SPEED:
@@ -72,11 +72,11 @@ class VelocitySeries:
         return int(self.t.size)
 
     @property
-    def speed(self) -> NDArray[np.float64]:
+    def speed(self) -> Floats:
         """Length of each velocity [m/s], shape (n,)."""
         return np.linalg.norm(self.v, axis=1)
 
-    def select(self, mask: NDArray[np.bool_]) -> VelocitySeries:
+    def select(self, mask: Flags) -> VelocitySeries:
         """Return the rows where `mask` (shape (n,)) is True."""
         return VelocitySeries(self.t[mask], self.v[mask], _rows(self.yaw_rate, mask), self.frame)
 
@@ -116,21 +116,21 @@ class HeadingSeries:
     (2, array([0. , 0.6, 0.8]))
     """
 
-    t: NDArray[np.float64]
-    v: NDArray[np.float64]
-    t_start: NDArray[np.float64] | None = None
-    t_end: NDArray[np.float64] | None = None
-    weight: NDArray[np.float64] | None = None
-    sd: NDArray[np.float64] | None = None
-    inliers: NDArray[np.float64] | None = None
-    valid: NDArray[np.bool_] | None = None
+    t: Floats
+    v: Floats
+    t_start: Floats | None = None
+    t_end: Floats | None = None
+    weight: Floats | None = None
+    sd: Floats | None = None
+    inliers: Floats | None = None
+    valid: Flags | None = None
     frame: str = "cam"
 
     def __post_init__(self) -> None:
-        t = _check.times(self.t, "heading t")
+        t = checks.times(self.t, "heading t")
         n = t.size
         _set(self, "t", t)
-        _set(self, "v", _unit(_check.floats(self.v, "heading v", (n, 3))))
+        _set(self, "v", _unit(checks.floats(self.v, "heading v", (n, 3))))
         for name in ("t_start", "t_end", "weight", "sd", "inliers"):
             _set(self, name, _optional(getattr(self, name), f"heading {name}", n))
         if (self.t_start is None) != (self.t_end is None):
@@ -159,7 +159,7 @@ class HeadingSeries:
     def __len__(self) -> int:
         return int(self.t.size)
 
-    def select(self, mask: NDArray[np.bool_]) -> HeadingSeries:
+    def select(self, mask: Flags) -> HeadingSeries:
         """Return the rows where `mask` (shape (n,)) is True."""
         optional = ("t_start", "t_end", "weight", "sd", "inliers", "valid")
         kept = {name: _rows(getattr(self, name), mask) for name in optional}
@@ -173,7 +173,7 @@ class HeadingSeries:
         return self if mask.all() else self.select(mask)
 
 
-def _unit(v: NDArray[np.float64], tolerance: float = 0.05) -> NDArray[np.float64]:
+def _unit(v: Floats, tolerance: float = 0.05) -> Floats:
     length = np.linalg.norm(v, axis=1)
     bad = np.abs(length - 1.0) > tolerance
     if bad.any():
@@ -185,9 +185,26 @@ def _unit(v: NDArray[np.float64], tolerance: float = 0.05) -> NDArray[np.float64
     return v / length[:, None]
 
 
-def _rows(values: NDArray | None, mask: NDArray[np.bool_]) -> NDArray | None:
+def _rows(values: NDArray | None, mask: Flags) -> NDArray | None:
     return None if values is None else values[mask]
 
 
 def _set(instance: object, name: str, value: object) -> None:
     object.__setattr__(instance, name, value)
+
+
+BORDER = 1e-6
+"""Times this close [s] to a border lie on it."""
+
+
+def segments(t: Floats, gap: float) -> Integers:
+    """Return the number of the segment between gaps longer than `gap` [s] that each time is in."""
+    return np.concatenate([[0], np.cumsum(np.diff(t) > gap + BORDER)])
+
+
+def bins(since: Floats, width: float) -> Integers:
+    """Return the number of the bin of `width` [s] that each time since a start [s] lies in.
+
+    Counted in whole microseconds, so that rounding moves no time across a border.
+    """
+    return np.rint(np.asarray(since) / BORDER).astype(np.int64) // max(round(width / BORDER), 1)

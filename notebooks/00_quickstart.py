@@ -109,7 +109,7 @@ assert turned < found.rotation_radius
 # and bent and moved up and down by the mounting.
 
 # %%
-from evcalib.plots.report import report_figures
+from evcalib.report._figures import report_figures
 
 figures = report_figures(run)
 Image(style.png(figures["unaligned"], dpi=110))
@@ -357,12 +357,14 @@ DriveDesigner(PLANS)
 #
 # ## In the library
 #
-# - [`evcalib.calibrate`](../evcalib/pipeline.py): the whole chain in one call; what it returns is a
-#   [`CalibrationRun`](../evcalib/run.py).
-# - [`evcalib.design.predict`](../evcalib/design.py) and `self_likeness`: what a drive will tell.
-# - [`evcalib.waypoints.drive_through`](../evcalib/waypoints.py): a drive along your own way points.
-# - [`evcalib.plots.report.report_figures`](../evcalib/plots/report.py) and
-#   [`evcalib.report`](../evcalib/report.py): the pictures, and the page that holds them.
+# - [`evcalib.calibrate`](../evcalib/pipeline/_calibrate.py): the whole chain in one call; what it
+#   returns is a [`CalibrationRun`](../evcalib/pipeline/_run.py).
+# - [`evcalib.design.predict`](../evcalib/design/_prediction.py) and `self_likeness`: what a drive
+#   will tell.
+# - [`evcalib.design.waypoints.drive_through`](../evcalib/design/waypoints.py): a drive along your
+#   own way points.
+# - [`evcalib.report.report_figures`](../evcalib/report/_figures.py) and
+#   [`evcalib.report`](../evcalib/report/_page.py): the pictures, and the page that holds them.
 # - [`evcalib.widgets.designer.DriveDesigner`](../evcalib/widgets/designer.py): the panel above.
 # - [`data_tools.recordings`](../data_tools/recordings/_recording.py),
 #   [`data_tools.logs.velocity_sources`](../data_tools/logs/velocity_sources.py) and

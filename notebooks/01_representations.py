@@ -30,14 +30,15 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from data_tools.course.samples import load_sample, slider_depth
-from evcalib.corners import arc_star
 from evcalib.events import Events
+from evcalib.features.corners import arc_star
+from evcalib.features.repeatability import score_surface
 from evcalib.plots import style
 from evcalib.plots.events import NAMES, draw_over_speed, draw_rows_of_time, draw_surfaces
-from evcalib.surface_quality import edges, grey, likeness, score_surface, surface_images
-from evcalib.surfaces._ordinal import tos
 from evcalib.surfaces._time import time_surface
+from evcalib.surfaces._tos import tos
 from evcalib.surfaces._tos_ts import tos_ts
+from evcalib.surfaces.quality import edges, grey, likeness, surface_images
 
 style.use()
 
@@ -438,14 +439,14 @@ SurfacePanel({f"{speed} m/s": sample for speed, sample in samples.items()})
 #
 # - [`evcalib.surfaces`](../evcalib/surfaces/__init__.py): each surface as a function, and as a
 #   class with `update` and `render` for long recordings.
-# - [`evcalib.corners`](../evcalib/corners.py): `arc_star` and `ArcStar` likewise, and `TosHarris`,
-#   which looks for corners on the TOS.
-# - [`evcalib.surface_quality`](../evcalib/surface_quality.py): `likeness`, `score_surface` and what
-#   they are made of.
+# - [`evcalib.features.corners`](../evcalib/features/corners.py): `arc_star` and `ArcStar` likewise,
+#   and `TosHarris`, which looks for corners on the TOS.
+# - [`evcalib.surfaces.quality`](../evcalib/surfaces/quality.py): `likeness`, `score_surface` and
+#   what they are made of.
 # - [`evcalib.plots.events`](../evcalib/plots/events.py) and
 #   [`evcalib.widgets.surfaces.SurfacePanel`](../evcalib/widgets/surfaces.py): the pictures of this
 #   notebook.
-# - [`evcalib.estimate_headings`](../evcalib/heading.py) takes `surface="dist"` and so on for the
-#   whole chain; on the command line it is `evcalib headings RECORDING --surface dist`.
+# - [`evcalib.estimate_headings`](../evcalib/heading/_estimator.py) takes `surface="dist"` and so on
+#   for the whole chain; on the command line it is `evcalib headings RECORDING --surface dist`.
 #
 # **Next:** [notebook 2](02_heading.ipynb) takes two such images and finds the direction of motion.

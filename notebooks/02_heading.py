@@ -32,12 +32,12 @@ import numpy as np
 
 from data_tools.course.samples import load_sample, slider_depth
 from data_tools.simulation.point_matches import random_matches
-from evcalib.epipolar import five_point, turn_explains, two_point
 from evcalib.geometry import angle_between, unit
 from evcalib.heading import estimate_headings
+from evcalib.heading.epipolar import five_point, turn_explains, two_point
+from evcalib.heading.two_views import Pairs, keypoints_at, matched
 from evcalib.plots import style
 from evcalib.plots.heading import draw_backdrop, draw_heading, draw_matches, draw_offsets
-from evcalib.two_views import Pairs, keypoints_at, matched
 
 style.use()
 
@@ -102,7 +102,7 @@ print(f"{first.clipped} lie near the border and were described all the same")
 # wrong, but so far nothing tells us which.
 
 # %%
-from evcalib.surface_quality import surface_images
+from evcalib.surfaces.quality import surface_images
 
 surface = surface_images("tos_ts", drives["forward"].events, [450_000])[0]
 figure, ax = plt.subplots(figsize=(6.0, 4.4))
@@ -465,10 +465,11 @@ HeadingPanel(drives | ({"slider_depth": real} if real else {}))
 #
 # ## In the library
 #
-# - [`evcalib.epipolar`](../evcalib/epipolar.py): `two_point` and `five_point`, with one type of
-#   result, and `turn_explains`.
-# - [`evcalib.two_views`](../evcalib/two_views.py): keypoints and matches at chosen times, as here.
-# - [`evcalib.estimate_headings`](../evcalib/heading.py): the chain for a recording, and
+# - [`evcalib.heading.epipolar`](../evcalib/heading/epipolar.py): `two_point` and `five_point`, with
+#   one type of result, and `turn_explains`.
+# - [`evcalib.heading.two_views`](../evcalib/heading/two_views.py): keypoints and matches at chosen
+#   times, as here.
+# - [`evcalib.estimate_headings`](../evcalib/heading/_estimator.py): the chain for a recording, and
 #   `HeadingEstimator` for a stream that comes in pieces.
 # - [`evcalib.plots.heading`](../evcalib/plots/heading.py) and
 #   [`evcalib.widgets.heading.HeadingPanel`](../evcalib/widgets/heading.py): the pictures of this

@@ -31,14 +31,14 @@ import numpy as np
 
 from data_tools.simulation.drives import arc, s_curve, straight, zigzag
 from data_tools.simulation.streams import Noise, simulate
-from evcalib.calibration import align
+from evcalib.alignment import align
+from evcalib.alignment.offset import candidate_offsets, find_offset
+from evcalib.alignment.offset_refinement import inliers_at, refine_offset
 from evcalib.geometry import random_rotation, rotation_angle
-from evcalib.offset import candidate_offsets, find_offset
+from evcalib.kinematics.velocity_track import velocity_track
 from evcalib.plots import style
 from evcalib.plots.alignment import draw_curve
 from evcalib.plots.offset import draw_apart, draw_refuge, draw_search, draw_slope, draw_streams
-from evcalib.refinement import inliers_at, refine_offset
-from evcalib.track import velocity_track
 
 style.use()
 
@@ -514,14 +514,15 @@ OffsetPanel(by_hand, list(drives))
 #
 # ## In the library
 #
-# - [`evcalib.offset.find_offset`](../evcalib/offset.py): the search, with `method="profile"`,
-#   `"trace"`, `"canonical"` or `"scalar"`.
-# - [`evcalib.refinement`](../evcalib/refinement.py): `refine_offset` between the grid points, and
-#   `plausible_offsets`, those that the data cannot tell from the best one.
-# - [`evcalib.track.velocity_track`](../evcalib/track.py): the odometry at any time, without
-#   bridging gaps.
-# - [`evcalib.observability`](../evcalib/observability.py): `heading_rate_test` and
-#   `steady_turning`, the tests behind the verdict.
+# - [`evcalib.alignment.offset.find_offset`](../evcalib/alignment/offset.py): the search, with
+#   `method="profile"`, `"trace"`, `"canonical"` or `"scalar"`.
+# - [`evcalib.alignment.offset_refinement`](../evcalib/alignment/offset_refinement.py):
+#   `refine_offset` between the grid points, and `plausible_offsets`, those that the data cannot
+#   tell from the best one.
+# - [`evcalib.kinematics.velocity_track.velocity_track`](../evcalib/kinematics/velocity_track.py):
+#   the odometry at any time, without bridging gaps.
+# - [`evcalib.alignment.observability`](../evcalib/alignment/observability.py): `heading_rate_test`
+#   and `steady_turning`, the tests behind the verdict.
 # - [`evcalib.plots.offset`](../evcalib/plots/offset.py),
 #   [`evcalib.widgets.offset`](../evcalib/widgets/offset.py): the pictures and the panel.
 # - From the command line: `evcalib align headings.csv velocities.csv --max-offset 1.0`

@@ -32,12 +32,12 @@ import numpy as np
 
 from data_tools.simulation.drives import s_curve
 from data_tools.simulation.streams import Noise, SyntheticStreams, simulate
-from evcalib.calibration import align
+from evcalib.alignment import align
+from evcalib.alignment.rotation import METHODS, RotationEstimate, estimate_rotation, kabsch
 from evcalib.geometry import random_rotation, rotation_angle
+from evcalib.kinematics.velocity_track import velocity_track
 from evcalib.plots import style
 from evcalib.plots.rotation import draw_breakdown, draw_losses, draw_map, draw_weights
-from evcalib.rotation import METHODS, RotationEstimate, estimate_rotation, kabsch
-from evcalib.track import velocity_track
 
 style.use()
 
@@ -237,7 +237,7 @@ assert np.allclose(R, fits["l1"].R_body_cam, atol=1e-6)
 # %% [markdown]
 # The weights apply to the data as given, anew in each step. (The authors' released script
 # multiplies the weights of all steps together, which leads back to nearly the unweighted result;
-# our frozen copy of it, `evcalib.authors`, keeps that.) The other methods:
+# our frozen copy of it, `evcalib.baselines.authors`, keeps that.) The other methods:
 #
 # - **Tukey**, our default, goes on from L1 with $w_i = (1 - u_i/c)_+^2$, where $u_i$ is 1 minus the
 #   cosine of the angle between $\mathbf d_i$ and $R\,\mathbf e_i$. Beyond $c$, about five standard
@@ -463,15 +463,16 @@ RotationPanel(spoiled_pairs, list(kinds))
 #
 # ## In the library
 #
-# - [`evcalib.rotation.estimate_rotation`](../evcalib/rotation.py) with `method="tukey"`, `"l1"`,
-#   `"kabsch"`, `"gnc"` or `"cca"`: rotation, weights, scale, and whether it converged.
-# - [`evcalib.uncertainty`](../evcalib/uncertainty.py): (6) with correlated noise and the offset's
-#   share.
-# - [`evcalib.observability.direction_spread`](../evcalib/observability.py): which axis the motion
-#   leaves open.
+# - [`evcalib.alignment.rotation.estimate_rotation`](../evcalib/alignment/rotation.py) with
+#   `method="tukey"`, `"l1"`, `"kabsch"`, `"gnc"` or `"cca"`: rotation, weights, scale, and whether
+#   it converged.
+# - [`evcalib.uncertainty`](../evcalib/uncertainty/_covariance.py): (6) with correlated noise and
+#   the offset's share.
+# - [`evcalib.alignment.observability.direction_spread`](../evcalib/alignment/observability.py):
+#   which axis the motion leaves open.
 # - [`evcalib.plots.rotation`](../evcalib/plots/rotation.py),
 #   [`evcalib.widgets.rotation`](../evcalib/widgets/rotation.py): the pictures and the panel.
-# - [`evcalib.align`](../evcalib/calibration.py) does notebooks 4 and 5 in one call.
+# - [`evcalib.align`](../evcalib/alignment/_align.py) does notebooks 4 and 5 in one call.
 # - From the command line: `evcalib align headings.csv velocities.csv --max-offset 1.0`
 #
 # **Next:** [6. Full calibration](06_full_calibration.ipynb) puts all the parts together, from raw

@@ -34,7 +34,7 @@ import numpy as np
 from data_tools.logs.velocity_sources import read_body_velocities
 from data_tools.runs.export import read_calibration
 from data_tools.runs.headings import open_with_camera
-from evcalib.calibration import align
+from evcalib.alignment import align
 from evcalib.geometry import angle_between, rotation_angle, unit
 from evcalib.heading import estimate_headings
 from evcalib.plots import style
@@ -50,7 +50,7 @@ style.use()
 
 
 # %%
-from evcalib.track import velocity_track
+from evcalib.kinematics.velocity_track import velocity_track
 
 
 class Drive:
@@ -127,7 +127,7 @@ assert not aligned["fingers"].offset_observable
 # to 0.7 s.
 
 # %%
-from evcalib.tracks import tracks_of
+from evcalib.joint.tracks import tracks_of
 
 tracks = {name: tracks_of(estimate.correspondences) for name, estimate in estimates.items()}
 for name, found in tracks.items():
@@ -315,7 +315,7 @@ plt.show()
 # tell. This is what `evcalib.calibrate` returns. Against the truth:
 
 # %%
-from evcalib.final_stage import finish
+from evcalib.pipeline._assessment import finish
 
 final = {
     name: finish(aligned[name], refined[name], estimates[name].headings, drive.track, 1.0)
@@ -458,9 +458,9 @@ for sweep in (0.5, 2.0, 4.0, 8.0):
 # matching* corners. Their displacement is then measured anew, with all events around them. An
 # **event image** is the sum of all signed events (ON +1, OFF -1) over the time in which the scene
 # moves by 1.5 px, and carries the middle of that time. A patch of one event image is shifted until
-# it lies on the other (`evcalib._event_image`, by the method of Baker and Matthews, 2004). There is
-# no disc, no choice of events, and so no lead; and the scatter is a tenth of a pixel instead of
-# half a pixel.
+# it lies on the other (`evcalib.features.align`, by the method of Baker and Matthews, 2004).
+# There is no disc, no choice of events, and so no lead; and the scatter is a tenth of a pixel
+# instead of half a pixel.
 #
 # ### 3. The generation of events
 #
@@ -634,14 +634,14 @@ Cockpit(recordings)
 #
 # ## In the library
 #
-# - [`evcalib.calibrate`](../evcalib/pipeline.py) runs all stages. The stages are
-#   [`evcalib.estimate_headings`](../evcalib/heading.py),
-#   [`evcalib.align`](../evcalib/calibration.py),
-#   [`evcalib.tracks.tracks_of`](../evcalib/tracks.py),
-#   [`evcalib.joint.refine_jointly`](../evcalib/joint.py) and
-#   [`evcalib.final_stage.finish`](../evcalib/final_stage.py).
-# - [`evcalib.kernels.joint`](../evcalib/kernels/joint.py): equation (3), its derivatives, and the
-#   elimination of each corner's own unknowns.
+# - [`evcalib.calibrate`](../evcalib/pipeline/_calibrate.py) runs all stages. The stages are
+#   [`evcalib.estimate_headings`](../evcalib/heading/_estimator.py),
+#   [`evcalib.align`](../evcalib/alignment/_align.py),
+#   [`evcalib.joint.tracks.tracks_of`](../evcalib/joint/tracks.py),
+#   [`evcalib.joint.refine_jointly`](../evcalib/joint/_refine.py) and
+#   [`evcalib.pipeline.finish`](../evcalib/pipeline/_assessment.py).
+# - [`evcalib.kernels.joint.observations`](../evcalib/kernels/joint/observations.py): equation (3),
+#   its derivatives, and the elimination of each corner's own unknowns.
 # - [`data_tools.simulation.recorded_drive`](../data_tools/simulation/recorded_drive.py) and
 #   `evcalib study recorded`: the drives behind the error bars;
 #   [`data_tools.studies.lag`](../data_tools/studies/lag.py): the lag

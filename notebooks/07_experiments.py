@@ -252,8 +252,8 @@ plt.show()
 # With the noise of the study it is a little lower, as flat, and chance decides where it is highest:
 
 # %%
-from evcalib.offset import find_offset
-from evcalib.track import velocity_track
+from evcalib.alignment.offset import find_offset
+from evcalib.kinematics.velocity_track import velocity_track
 
 courses = {f"arc of {r} m": (arc(radius=r), 0.0) for r in (2, 4, 12)}
 courses |= {"polyline 45 deg": (polyline(), 0.0), "arc of 4 m, noisy": (arc(radius=4), 0.1)}
@@ -429,8 +429,8 @@ for group, name, off, late, sd, late_sd in zip(*(real_table[c] for c in order), 
 # %% [markdown]
 # How to read it:
 #
-# - **The released script gives what is printed**, to 0.12 degrees. But its gain over no
-#   alignment comes from its removal of duplicate rows, not from the offset (`evcalib.authors`).
+# - **The released script gives what is printed**, to 0.12 degrees. But its gain over no alignment
+#   comes from its removal of duplicate rows, not from the offset (`evcalib.baselines.authors`).
 # - **The offset is not observable.** Direction changes only between the fingers; the methods that
 #   must name an offset disagree by a second. The mended trace correlation (`vc`) even picks one
 #   that spoils the rotation. Ours declines, and is then `vc_wota` with another loss.
@@ -549,7 +549,8 @@ RivalPanel(make_trial, list(MOTIONS))
 # - [`evcalib.plots.studies`](../evcalib/plots/studies.py),
 #   [`evcalib.plots.rivals`](../evcalib/plots/rivals.py),
 #   [`evcalib.widgets.rivals`](../evcalib/widgets/rivals.py): the pictures and the panel.
-# - [`evcalib.authors`](../evcalib/authors.py): the released procedure, kept as it is.
+# - [`evcalib.baselines.authors`](../evcalib/baselines/authors.py): the released procedure, kept as
+#   it is.
 #
 # **Next:** your own drive. `evcalib baselines` shows what each method makes of it, and
 # [0. Quickstart](00_quickstart.ipynb) how to plan a better one.

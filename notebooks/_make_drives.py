@@ -22,7 +22,7 @@ from data_tools.runs.demo import write_demo
 from data_tools.simulation.recorded_drive import VEHICLE, Disturbances, record_drive
 from data_tools.simulation.sensor import Sensor
 from data_tools.studies import load_study
-from evcalib.calibration import align
+from evcalib.alignment import align
 from evcalib.camera import Camera
 from evcalib.geometry import rotation_angle
 from evcalib.kinematics import body_velocities

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from data_tools.runs.demo import demo_streams
-from evcalib.calibration import align
+from evcalib.alignment import align
 from evcalib.plots import style
 from evcalib.plots.alignment import draw_curve, draw_directions
 

@@ -7,11 +7,11 @@ import numpy as np
 
 from data_tools.simulation.drives import s_curve, straight
 from data_tools.simulation.streams import Noise, simulate
-from evcalib._heading_result import Gap, HeadingEstimate
-from evcalib._keyframes import Counts
-from evcalib._recording import EventRate, Snapshot
-from evcalib.calibration import align
-from evcalib.run import CalibrationRun, Gating, InputFile, Truth, package_versions
+from evcalib.alignment import align
+from evcalib.heading import Counts, EventRate, HeadingEstimate, Snapshot
+from evcalib.heading._result import Gap
+from evcalib.pipeline import CalibrationRun, InputFile, Truth
+from evcalib.pipeline._run import Gating, package_versions
 
 
 def snapshot(width=64, height=48):

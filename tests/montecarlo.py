@@ -18,8 +18,8 @@ import numpy as np
 from data_tools.simulation.streams import Noise
 from data_tools.studies import Cell
 from data_tools.studies.coverage import ACCURACY, CASES, outcome
+from evcalib.alignment.rotation import METHODS, estimate_rotation
 from evcalib.geometry import random_rotation, rotation_angle, unit
-from evcalib.rotation import METHODS, estimate_rotation
 
 
 @dataclass(frozen=True)

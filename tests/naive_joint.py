@@ -11,7 +11,7 @@ from scipy.integrate import trapezoid
 from scipy.optimize import brentq, least_squares
 
 from evcalib.geometry import rotation_vector_to_matrix, unit
-from evcalib.tracks import Tracks
+from evcalib.joint.tracks import Tracks
 
 
 def about_z(angle):

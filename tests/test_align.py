@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from data_tools.logs.series_files import read_paired_streams
 from data_tools.simulation import drives
 from data_tools.simulation.streams import Noise, simulate
-from evcalib.calibration import align, one_answer
+from evcalib.alignment import align, one_answer
 from evcalib.errors import InputError
 from evcalib.geometry import random_rotation, rotation_angle, rotation_vector_to_matrix, unit
 from evcalib.series import HeadingSeries, VelocitySeries

@@ -7,10 +7,10 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from data_tools.logs.series_files import read_paired_rows
-from evcalib.authors import SEARCH, PairedRows, with_alignment, without_alignment
+from evcalib.baselines.authors import SEARCH, PairedRows, with_alignment, without_alignment
 from evcalib.errors import InputError
 from evcalib.geometry import random_rotation, rotation_angle, rotation_vector_to_matrix, unit
-from evcalib.kernels import authors as kernel
+from evcalib.kernels.baselines import authors as kernel
 
 TRUTH = rotation_vector_to_matrix([-np.pi / 2, 0, 0])
 

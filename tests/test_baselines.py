@@ -11,16 +11,14 @@ from data_tools.studies.baseline_runs import (
     reckoned_poses,
     run_baselines,
 )
-from evcalib.authors import with_alignment
-from evcalib.baselines import METHODS, TRAJECTORY_METHODS, calibrate_with
-from evcalib.baselines.released import paired_rows
-from evcalib.baselines.rival import (
+from evcalib.alignment import align
+from evcalib.baselines import METHODS, TRAJECTORY_METHODS, RivalInput, calibrate_with
+from evcalib.baselines._interface import (
     CertifiedCalibration,
     RivalCalibration,
-    RivalInput,
     TrajectoryCalibration,
 )
-from evcalib.calibration import align
+from evcalib.baselines.authors import paired_rows, with_alignment
 from evcalib.errors import InputError
 from evcalib.geometry import rotation_angle
 from evcalib.poses import PoseSeries

@@ -10,10 +10,9 @@ from data_tools.logs.trajectory_files import read_tum
 from evcalib.baselines import cgoc as module
 from evcalib.baselines.cgoc import CERTIFIED, certify, cgoc
 from evcalib.baselines.hand_eye import Quadratic, hand_eye, minimise, quadratic
-from evcalib.baselines.motions import motions
 from evcalib.errors import InputError
 from evcalib.geometry import rotation_angle
-from evcalib.poses import PoseSeries
+from evcalib.poses import PoseSeries, motions
 
 cvxpy = pytest.importorskip("cvxpy")
 

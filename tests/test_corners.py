@@ -10,10 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from data_tools.recordings.formats.events_text import load_events_text
-from evcalib.corners import ArcStar, TosHarris, arc_star
 from evcalib.errors import InputError
 from evcalib.events import Events
-from evcalib.surfaces._ordinal import tos
+from evcalib.features.corners import ArcStar, TosHarris, arc_star
+from evcalib.surfaces._tos import tos
 
 
 def random_events(seed, n, width, height, longest_us):

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from data_tools.simulation.drives import Drive, arc, fingers, s_curve, straight, zigzag
-from evcalib.design import STEP, Viewing, predict, self_likeness
+from evcalib.design import Viewing, predict, self_likeness
+from evcalib.design._prediction import STEP
 from evcalib.errors import InputError
 from evcalib.joint import SYSTEMATIC
 from evcalib.series import VelocitySeries

@@ -7,7 +7,7 @@ from data_tools.simulation.drives import s_curve
 from data_tools.simulation.scenes import furnished_room
 from data_tools.simulation.simulator import FORWARD, Simulator
 from data_tools.simulation.trajectory import Trajectory
-from evcalib.calibration import align
+from evcalib.alignment import align
 from evcalib.camera import Camera
 from evcalib.geometry import rotation_angle, rotation_vector_to_matrix
 from evcalib.heading import estimate_headings

@@ -6,10 +6,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import approx_fprime
 
-from evcalib.epipolar import five_point, turn_explains, two_point
 from evcalib.errors import InputError
 from evcalib.geometry import angle_between, rotation_vector_to_matrix, unit
-from evcalib.kernels import epipolar as kernels
+from evcalib.heading.epipolar import five_point, turn_explains, two_point
+from evcalib.kernels.heading import epipolar as kernels
+from evcalib.kernels.linalg import tangent_basis
 
 PIXEL = 1 / 300  # [rad]
 SIDEWAYS, FORWARD, OBLIQUE = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (-0.6, 0.3, 0.74)
@@ -75,7 +76,7 @@ def test_the_covariance_is_that_of_the_errors(truth):
     squares = []
     for seed in range(150):
         found = two_point(*bearings(seed, 0.2 * truth, noise=0.5), threshold=3 * PIXEL)
-        basis = kernels.tangent_basis(truth)
+        basis = tangent_basis(truth)
         off = basis @ found.direction
         squares.append(off @ np.linalg.solve(basis @ found.covariance @ basis.T, off))
         assert np.isclose(found.direction @ found.covariance @ found.direction, 0, atol=1e-15)
@@ -181,7 +182,7 @@ def test_a_wall_in_a_narrow_view_has_no_parallax():
 def test_residuals_and_slopes_follow_their_definition():
     r1, r2 = bearings(2, (0.1, 0, 0.05), 1, noise=0.5)
     t = unit((1.0, 0.2, -0.4))
-    basis = kernels.tangent_basis(t)
+    basis = tangent_basis(t)
 
     def sampson(change):
         moved = unit(t + change @ basis)
@@ -199,6 +200,6 @@ def test_residuals_and_slopes_follow_their_definition():
 @settings(deadline=None)
 def test_the_tangent_basis_is_a_right_handed_frame(axis):
     t = unit(axis)
-    frame = np.vstack((t, kernels.tangent_basis(t)))
+    frame = np.vstack((t, tangent_basis(t)))
     np.testing.assert_allclose(frame @ frame.T, np.eye(3), atol=1e-12)
     assert np.linalg.det(frame) > 0

@@ -6,9 +6,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from evcalib._event_image import AHEAD, RADIUS, EventImage, EventImager, align
 from evcalib.events import Events
-from evcalib.kernels import event_image as kernels
+from evcalib.features import EventImage, EventImager, align
+from evcalib.features._event_image import AHEAD, RADIUS
+from evcalib.kernels.features import event_image as kernels
 
 WIDTH, HEIGHT = 60, 50
 

@@ -9,10 +9,9 @@ from trajectories import camera_of, pair, smooth_body
 
 from data_tools.logs.trajectory_files import read_tum
 from evcalib.baselines.hand_eye import closed_form, hand_eye
-from evcalib.baselines.motions import associate, motions
 from evcalib.errors import InputError
 from evcalib.geometry import rotation_angle
-from evcalib.poses import PoseSeries
+from evcalib.poses import PoseSeries, associate, motions
 
 
 @settings(deadline=None, max_examples=20)

@@ -14,14 +14,14 @@ from data_tools.recordings.formats.events_text import load_events_text
 from data_tools.simulation.scenes import furnished_room
 from data_tools.simulation.simulator import Simulator, simulate_translation
 from data_tools.simulation.trajectory import Trajectory
-from evcalib._heading_fit import FitOptions, fit
-from evcalib._keyframes import BearingTable
-from evcalib._matches import MAX_STEPS, Matches
 from evcalib.camera import Camera
 from evcalib.errors import InputError
 from evcalib.events import Events
 from evcalib.geometry import angle_between, unit
-from evcalib.heading import HeadingEstimator, estimate_headings
+from evcalib.heading import MAX_STEPS, FitOptions, Matches, estimate_headings
+from evcalib.heading._estimator import HeadingEstimator
+from evcalib.heading._keyframes import BearingTable
+from evcalib.heading._window_fit import fit
 from evcalib.surfaces import SURFACES
 
 SIMULATED = Camera(346, 260, 250.0, 250.0, 172.5, 129.5)

@@ -19,7 +19,7 @@ from data_tools.simulation.simulator import simulate_translation
 from data_tools.simulation.streams import Noise, simulate
 from data_tools.studies.sighting_drives import sight
 from data_tools.studies.sightings import Corners
-from evcalib.calibration import align
+from evcalib.alignment import align
 from evcalib.camera import Camera
 from evcalib.events import Events
 from evcalib.geometry import angle_between, random_rotation, rotation_angle, unit

@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from evcalib._joint_fit import Problem, begin, follow, slope_of_loss
 from evcalib.errors import InputError
-from evcalib.final_stage import offset_observable
 from evcalib.geometry import LOOKS_FORWARD, rotation_angle, rotation_vector_to_matrix
-from evcalib.joint import Systematic, refine_jointly, world_motion
+from evcalib.joint import Systematic, refine_jointly
+from evcalib.joint._solver import Problem, begin, follow, slope_of_loss
+from evcalib.joint._world_motion import world_motion
+from evcalib.kinematics.velocity_track import velocity_track
+from evcalib.pipeline._assessment import offset_observable
 from evcalib.series import VelocitySeries
-from evcalib.track import velocity_track
 from evcalib.uncertainty import rotation_radius, t_quantile
 
 FOCAL = 200.0

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from evcalib._joint_search import GATE, Search
-from evcalib._times import bins
+from evcalib.joint._offset_search import GATE, Search
+from evcalib.series import bins
 
 STEP = 0.01
 OFFSETS = np.arange(-6, 7) * STEP

@@ -7,10 +7,9 @@ import pytest
 
 from data_tools.simulation.trajectory import Trajectory
 from data_tools.studies.lag import CAMERA, Drive, correspondence_lag, heading_lag, summary
-from evcalib._correspondences import Correspondences
 from evcalib.errors import InputError
 from evcalib.geometry import unit
-from evcalib.heading import estimate_headings
+from evcalib.heading import Correspondences, estimate_headings
 from evcalib.series import HeadingSeries
 
 

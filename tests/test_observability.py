@@ -8,18 +8,18 @@ from scipy import stats
 
 from data_tools.simulation import drives
 from data_tools.simulation.streams import Noise, simulate
-from evcalib.geometry import unit
-from evcalib.observability import (
+from evcalib.alignment.observability import (
     RATE_GATE,
     axis_name,
-    coloured_noise,
     direction_spread,
     heading_rate_test,
     speed_test,
     steady_turning,
 )
+from evcalib.geometry import unit
+from evcalib.kinematics.velocity_track import velocity_track
 from evcalib.series import VelocitySeries
-from evcalib.track import velocity_track
+from evcalib.uncertainty import coloured_noise
 
 ONE = np.zeros(5000, dtype=np.int64)
 

@@ -8,21 +8,21 @@ from hypothesis import strategies as st
 
 from data_tools.simulation import drives
 from data_tools.simulation.streams import Noise, simulate
-from evcalib import offset as module
+from evcalib.alignment import intervals, weights
+from evcalib.alignment import offset as module
+from evcalib.alignment.offset import METHODS, WIDE_REACHES, candidate_offsets, find_offset
+from evcalib.alignment.offset_refinement import (
+    inliers_at,
+    plausible_offsets,
+    preference,
+    refine_offset,
+)
+from evcalib.alignment.rotation import Mixture
 from evcalib.errors import InputError
 from evcalib.geometry import random_rotation, rotation_angle
-from evcalib.kernels import offset as kernel
-from evcalib.offset import (
-    METHODS,
-    WIDE_REACHES,
-    candidate_offsets,
-    find_offset,
-    weights,
-)
-from evcalib.refinement import inliers_at, plausible_offsets, preference, refine_offset
-from evcalib.rotation import Mixture
+from evcalib.kernels.alignment import offset as kernel
+from evcalib.kinematics.velocity_track import velocity_track
 from evcalib.series import HeadingSeries, VelocitySeries
-from evcalib.track import intervals, velocity_track
 
 SEARCHES = METHODS[:-1]
 seeds = st.integers(0, 10**6)

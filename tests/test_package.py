@@ -2,7 +2,6 @@
 
 import importlib.util
 import os
-import pkgutil
 import re
 import tomllib
 from importlib.metadata import version
@@ -20,8 +19,6 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 EXTRAS = PROJECT["optional-dependencies"]
 OURS = ("formats", "rivals", "distributed", "notebooks")
 """Extras that change what the package can do."""
-FRONT = ("plots", "widgets", "report", "_html", "_report_text")
-"""Modules that read, draw or show; the rest is the library."""
 
 
 def lines(path):
@@ -58,17 +55,6 @@ def test_version_is_the_same_everywhere():
         evcalib.__version__
     }
     assert citation["license"] == PROJECT["license"]
-
-
-def test_every_module_has_its_layer():
-    """The contracts of the layers name all modules of the library, so that a new one counts."""
-    contracts = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]
-    kernels, library = contracts["contracts"]
-    found = {f"evcalib.{name}" for _, name, _ in pkgutil.iter_modules(evcalib.__path__)}
-    found -= {"evcalib.__main__"}
-    in_front = {f"evcalib.{name}" for name in FRONT}
-    assert set(library["source_modules"]) == found - in_front
-    assert set(kernels["forbidden_modules"]) == (found | {"data_tools"}) - {"evcalib.kernels"}
 
 
 def test_binder_installs_what_readme_says():

@@ -88,7 +88,11 @@ def test_the_tests_above_find_what_is_broken():
     ]
     page = Document(ROOT / "README.md", "1. one\n2. two\n\nIt comes from\n1. this.\n")
     assert page.lonely_items() == ["this."]
-    for name in ("evcalib.nothing", "evcalib.offset.nothing", "evcalib.offset.find_offset.nothing"):
+    for name in (
+        "evcalib.nothing",
+        "evcalib.alignment.offset.nothing",
+        "evcalib.alignment.offset.find_offset.nothing",
+    ):
         with pytest.raises((AttributeError, ImportError)):
             find(name)
 

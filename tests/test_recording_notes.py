@@ -11,12 +11,12 @@ from data_tools.simulation.drives import s_curve
 from data_tools.simulation.scenes import furnished_room
 from data_tools.simulation.simulator import FORWARD, Simulator
 from data_tools.simulation.trajectory import Trajectory
-from evcalib import _recording as recording
-from evcalib._matches import MAX_STEPS, Matches
 from evcalib.camera import Camera
 from evcalib.events import Events
 from evcalib.geometry import angle_between
-from evcalib.heading import HeadingEstimator, estimate_headings
+from evcalib.heading import MAX_STEPS, Matches, estimate_headings
+from evcalib.heading import _snapshot as recording
+from evcalib.heading._estimator import HeadingEstimator
 
 
 def events_at(t):

@@ -13,11 +13,12 @@ from hypothesis import strategies as st
 from made_runs import bare_run, made_run
 from scipy.spatial.transform import Rotation
 
-from evcalib import _html
-from evcalib import _report_text as text
 from evcalib.geometry import LOOKS_FORWARD
-from evcalib.report import CAPTIONS, report_html
-from evcalib.run import Gating, InputFile, package_versions
+from evcalib.pipeline import InputFile
+from evcalib.pipeline._run import Gating, package_versions
+from evcalib.report import _html, report_html
+from evcalib.report import _text as text
+from evcalib.report._page import CAPTIONS
 
 VOID = {"img", "meta", "br"}
 

@@ -8,10 +8,10 @@ from made_runs import bare_run, made_run
 from matplotlib.collections import PathCollection
 from scipy.spatial.transform import Rotation
 
-from evcalib._recording import EventRate
 from evcalib.geometry import LOOKS_FORWARD
+from evcalib.heading import EventRate
 from evcalib.plots import alignment, recording, style
-from evcalib.plots.report import report_figures
+from evcalib.report._figures import report_figures
 
 
 @pytest.fixture

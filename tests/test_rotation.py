@@ -13,10 +13,7 @@ from scipy.integrate import quad, trapezoid
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
-from evcalib.errors import InputError
-from evcalib.geometry import random_rotation, rotation_angle, rotation_vector_to_matrix, unit
-from evcalib.kernels import rotation as kernel
-from evcalib.rotation import (
+from evcalib.alignment.rotation import (
     METHODS,
     Mixture,
     estimate_rotation,
@@ -25,6 +22,9 @@ from evcalib.rotation import (
     misfits,
     tukey_reach,
 )
+from evcalib.errors import InputError
+from evcalib.geometry import random_rotation, rotation_angle, rotation_vector_to_matrix, unit
+from evcalib.kernels.alignment import rotation as kernel
 
 seeds = st.integers(0, 10**6)
 

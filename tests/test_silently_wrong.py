@@ -7,7 +7,7 @@ from data_tools import cli
 from data_tools.runs import export
 from data_tools.simulation.drives import Drive, arc, s_curve, zigzag
 from data_tools.simulation.streams import Noise, simulate
-from evcalib.calibration import align
+from evcalib.alignment import align
 from evcalib.errors import InputError
 from evcalib.geometry import rotation_angle
 from evcalib.series import HeadingSeries

@@ -22,8 +22,8 @@ from data_tools.studies import (
     study,
     write_summary,
 )
+from evcalib.alignment import align
 from evcalib.baselines import METHODS
-from evcalib.calibration import align
 from evcalib.errors import InputError
 from evcalib.geometry import rotation_angle
 from evcalib.plots.studies import COLOURS, cost_figure, study_figure

@@ -9,18 +9,17 @@ from hypothesis.extra.numpy import arrays
 
 from evcalib.errors import InputError
 from evcalib.events import Events
-from evcalib.surface_quality import (
-    SurfaceScore,
+from evcalib.features.repeatability import SurfaceScore, score_surface
+from evcalib.surfaces import SURFACES
+from evcalib.surfaces.quality import (
     edges,
     grey,
     harris_corners,
     likeness,
-    score_surface,
     share_found,
     share_on_edges,
     surface_images,
 )
-from evcalib.surfaces import SURFACES
 
 PICTURE = np.array([[0, 0, 0, 90], [0, 0, 0, 90], [0, 0, 0, 90]], dtype=np.uint8)
 EDGE = np.array([[0, 0, 1, 1]] * 3, dtype=bool)

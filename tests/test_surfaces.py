@@ -17,8 +17,9 @@ from evcalib._event_columns import MAX_TIME_US
 from evcalib.events import Events
 from evcalib.surfaces import SURFACES
 from evcalib.surfaces._dist import dist
-from evcalib.surfaces._ordinal import silc, tos
+from evcalib.surfaces._silc import silc
 from evcalib.surfaces._time import time_surface
+from evcalib.surfaces._tos import tos
 from evcalib.surfaces._tos_ts import TosTs, tos_ts
 
 

@@ -8,17 +8,12 @@ from hypothesis import strategies as st
 
 from data_tools.simulation import drives
 from data_tools.simulation.streams import Noise, simulate
+from evcalib.alignment import intervals
 from evcalib.errors import InputError
-from evcalib.kernels import track as kernel
+from evcalib.kernels.kinematics import velocity_track as kernel
+from evcalib.kinematics.velocity_track import SMOOTHING, SMOOTHING_GATE, rebuilt, velocity_track
 from evcalib.series import HeadingSeries, VelocitySeries
-from evcalib.track import (
-    SMOOTHING,
-    SMOOTHING_GATE,
-    intervals,
-    rebuilt,
-    velocity_track,
-    white_noise,
-)
+from evcalib.uncertainty import white_noise
 
 EAST, NORTH = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
 THREE = VelocitySeries([0.0, 1.0, 2.0], [EAST, EAST + NORTH, 3 * NORTH])

@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from evcalib._correspondences import CorrespondenceKeeper, Correspondences
-from evcalib._matches import Matches
 from evcalib.geometry import unit
-from evcalib.tracks import Tracks, tracks_of
+from evcalib.heading import Correspondences, Matches
+from evcalib.heading._correspondences import CorrespondenceKeeper
+from evcalib.joint.tracks import Tracks, tracks_of
 
 
 def correspondences(rows):

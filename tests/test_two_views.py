@@ -10,8 +10,8 @@ from data_tools.simulation.point_matches import random_matches
 from evcalib.camera import Camera
 from evcalib.errors import InputError
 from evcalib.features import match
+from evcalib.heading.two_views import CELL_PX, Pairs, keypoints_at, matched
 from evcalib.plots.heading import offsets
-from evcalib.two_views import CELL_PX, Pairs, keypoints_at, matched
 
 CAMERA = Camera(80, 60, 70.0, 70.0, 39.5, 29.5)
 

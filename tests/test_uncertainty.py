@@ -9,19 +9,13 @@ from scipy import stats
 
 from data_tools.simulation import drives
 from data_tools.simulation.streams import Noise, simulate
-from evcalib.bootstrap import bootstrap
-from evcalib.kernels import noise as kernel
-from evcalib.refinement import refine_offset
+from evcalib.alignment._bootstrap import bootstrap
+from evcalib.alignment.offset_refinement import refine_offset
+from evcalib.kernels.uncertainty import noise as kernel
+from evcalib.kinematics.velocity_track import velocity_track
 from evcalib.series import HeadingSeries
-from evcalib.track import velocity_track
-from evcalib.uncertainty import (
-    UNKNOWN,
-    NoiseModel,
-    fit_noise,
-    joint_covariance,
-    rotation_radius,
-    t_quantile,
-)
+from evcalib.uncertainty import UNKNOWN, NoiseModel, joint_covariance, rotation_radius, t_quantile
+from evcalib.uncertainty._noise import fit_noise
 
 shares, memories = st.floats(0, 1), st.floats(0.01, 10)
 

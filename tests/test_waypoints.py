@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from evcalib.design import predict
+from evcalib.design.waypoints import BLEND, PAUSE, drive_through, read_way_points
 from evcalib.errors import InputError
-from evcalib.waypoints import BLEND, PAUSE, drive_through, read_way_points
 
 coordinate = st.floats(-20, 20).map(lambda x: round(x, 2))
 

@@ -15,7 +15,7 @@ import evcalib.widgets
 from data_tools.simulation.drives import PLANS, arc, fingers, s_curve, straight
 from data_tools.simulation.streams import Noise, simulate
 from data_tools.studies.baseline_runs import reckoned_poses
-from evcalib.calibration import align
+from evcalib.alignment import align
 from evcalib.camera import Camera
 from evcalib.events import Events
 from evcalib.geometry import unit

@@ -10,10 +10,10 @@ import pytest
 
 from data_tools.simulation.drives import fingers, s_curve
 from data_tools.simulation.streams import Noise, simulate
-from evcalib.calibration import align
+from evcalib.alignment import align
+from evcalib.alignment.offset_refinement import inliers_at
 from evcalib.errors import InputError
 from evcalib.geometry import LOOKS_FORWARD, rotation_angle, rpy_to_matrix
-from evcalib.refinement import inliers_at
 from evcalib.widgets.cockpit import STEPS, Cockpit, Recording
 
 TRUE, ANGLES = 0.23, (12.0, -7.0, 31.0)

@@ -15,9 +15,9 @@ from data_tools.simulation.point_matches import random_matches
 from evcalib.camera import Camera
 from evcalib.errors import InputError
 from evcalib.events import Events
+from evcalib.heading.two_views import Pairs, keypoints_at, matched
 from evcalib.plots.heading import draw_offsets
 from evcalib.surfaces._tos_ts import tos_ts
-from evcalib.two_views import Pairs, keypoints_at, matched
 from evcalib.widgets import heading as module
 from evcalib.widgets.heading import HeadingPanel
 

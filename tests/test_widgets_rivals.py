@@ -13,9 +13,8 @@ import evcalib.widgets.rivals as module
 from data_tools.simulation.drives import arc, fingers, polyline, s_curve, straight
 from data_tools.simulation.streams import Noise, simulate
 from data_tools.studies.baseline_runs import reckoned_poses
-from evcalib.baselines import METHODS, calibrate_with
-from evcalib.baselines.rival import RivalInput
-from evcalib.calibration import align
+from evcalib.alignment import align
+from evcalib.baselines import METHODS, RivalInput, calibrate_with
 from evcalib.errors import InputError
 from evcalib.plots.rivals import LEAST_DEG, draw_errors, draw_paths
 from evcalib.widgets.rivals import MAX_DRIFT, MAX_NOISE, MIN_NOISE, RivalPanel

@@ -11,10 +11,10 @@ import pytest
 
 from data_tools.simulation.drives import s_curve
 from data_tools.simulation.streams import Noise, simulate
+from evcalib.alignment.rotation import METHODS, RotationEstimate, estimate_rotation
 from evcalib.errors import InputError
 from evcalib.geometry import unit
 from evcalib.plots.rotation import TOP, draw_map, draw_weights
-from evcalib.rotation import METHODS, RotationEstimate, estimate_rotation
 from evcalib.widgets.rotation import MAX_SHARE, RotationPanel
 
 KINDS = ("uniform", "one cluster", "flipped")

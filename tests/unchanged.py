@@ -20,10 +20,9 @@ from data_tools.simulation.drives import Drive, arc, fingers, polyline, s_curve,
 from data_tools.simulation.streams import Noise, SyntheticStreams, simulate
 from data_tools.studies.sighting_drives import Fault, sight
 from data_tools.studies.sightings import Corners
-from evcalib.calibration import align
+from evcalib.alignment import Calibration, align
 from evcalib.camera import Camera
 from evcalib.geometry import random_rotation
-from evcalib.results import Calibration
 from evcalib.series import HeadingSeries
 
 STORED = Path(__file__).with_suffix(".json")

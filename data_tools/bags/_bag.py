@@ -42,7 +42,17 @@ DEFINITIONS = {
 
 @dataclass(frozen=True)
 class Topic:
-    """A topic of a bag: name, message type (``package/msg/Type``), number of messages if known."""
+    """A topic of a bag.
+
+    Attributes
+    ----------
+    name : str
+        Its name.
+    type : str
+        Message type, ``package/msg/Type``.
+    count : int, optional
+        Number of messages, where it is known.
+    """
 
     name: str
     type: str
@@ -141,7 +151,20 @@ class Bag:
 
 
 def is_bag(path: Path, head: bytes) -> bool:
-    """Tell whether a file, by its first bytes, or a folder is a bag."""
+    """Tell whether a file, by its first bytes, or a folder is a bag.
+
+    Parameters
+    ----------
+    path : Path
+        File or folder.
+    head : bytes
+        First bytes of the file; none of a folder.
+
+    Returns
+    -------
+    bool
+        Whether it is.
+    """
     if any(head.startswith(magic) for magic in MAGIC):
         return True
     if head:

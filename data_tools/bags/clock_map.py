@@ -14,8 +14,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from evcalib.arrays import Floats, Integers
 from evcalib.errors import InputError
 
 MAX_DRIFT = 2e-4
@@ -46,15 +46,13 @@ class ClockMap:
     drift: float
     scatter: float
 
-    def __call__(self, t: NDArray[np.int64]) -> NDArray[np.int64]:
+    def __call__(self, t: Integers) -> Integers:
         """Return host times [us] of camera times [us], rounded."""
         elapsed = t - self.origin_camera
         return self.origin_host + elapsed + np.rint(self.drift * elapsed).astype(np.int64)
 
 
-def fit_clock(
-    camera_us: NDArray[np.int64], host_us: NDArray[np.int64], max_drift: float = MAX_DRIFT
-) -> ClockMap:
+def fit_clock(camera_us: Integers, host_us: Integers, max_drift: float = MAX_DRIFT) -> ClockMap:
     """Fit the line below all packets with the least sum of distances to them.
 
     Parameters
@@ -90,7 +88,7 @@ def fit_clock(
     )
 
 
-def _refuse_jumps(x: NDArray[np.float64], delay: NDArray[np.float64]) -> None:
+def _refuse_jumps(x: Floats, delay: Floats) -> None:
     count = int(np.clip(x.size // _PACKETS, 1, _STRETCHES))
     stretches = np.array_split(np.arange(x.size), count)
     least = np.array([delay[rows].min() for rows in stretches])
@@ -104,7 +102,7 @@ def _refuse_jumps(x: NDArray[np.float64], delay: NDArray[np.float64]) -> None:
         )
 
 
-def _hull_slope(x: NDArray[np.float64], y: NDArray[np.float64]) -> float:
+def _hull_slope(x: Floats, y: Floats) -> float:
     """Return the slope of the lower convex hull at the mean of x.
 
     The sum of distances to a line below all points is least for the edge of the hull that lies

@@ -12,7 +12,7 @@ from data_tools.cli._options import app
 from evcalib.errors import InputError
 
 if TYPE_CHECKING:
-    from evcalib.results import Calibration
+    from evcalib.alignment import Calibration
     from evcalib.series import HeadingSeries, VelocitySeries
 
 Camera = Annotated[Path, typer.Option(help="Camera file (calib.txt or Kalibr YAML).")]
@@ -206,7 +206,7 @@ def align(
     as_json: common.Json = False,
 ) -> None:
     """Find offset and rotation between headings and velocities."""
-    from evcalib.calibration import align as run
+    from evcalib.alignment import align as run
 
     camera, body, hold = streams(headings, velocities)
     calibration = run(

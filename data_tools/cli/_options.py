@@ -11,7 +11,7 @@ import typer
 from typer.core import TyperGroup
 
 if TYPE_CHECKING:
-    from evcalib.results import Calibration
+    from evcalib.alignment import Calibration
 
 BAD_INPUT = 2
 NO_ANSWER = 3

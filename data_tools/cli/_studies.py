@@ -34,7 +34,7 @@ def demo(
     """Calibrate a simulated recording, from raw events to report, and compare with the truth."""
     from data_tools.runs.calibrate import run_files
     from data_tools.runs.demo import against_truth, demo_drive, write_demo
-    from evcalib.run import Truth
+    from evcalib.pipeline import Truth
 
     drive = demo_drive(seed)
     with ExitStack() as stack:

@@ -13,12 +13,11 @@ from numpy.typing import ArrayLike, NDArray
 from data_tools.files.archives import SUFFIX, load_array, opened_zip
 from data_tools.logs.camera_files import read_calib_txt
 from data_tools.recordings.formats.events_text import load_events_text
-from evcalib import _check
+from evcalib import checks
+from evcalib.arrays import Floats
 from evcalib.camera import Camera
 from evcalib.errors import InputError
 from evcalib.events import Events
-
-Floats = NDArray[np.float64]
 
 HIDDEN = 0.05
 """Points whose distance differs by this share from that of what is seen there are hidden."""
@@ -69,7 +68,7 @@ class Sample:
         ndarray, shape (n, 2)
             Pixels in picture `after`; NaN where the point left the image or is hidden there.
         """
-        points = _check.floats(xy, "xy", (None, 2))
+        points = checks.floats(xy, "xy", (None, 2))
         travel = self.speed * (self.frame_times[after] - self.frame_times[before])
         seen = self.camera.bearings(points) * _at(self.depths[before], points)[:, None]
         there = seen - travel * self.direction

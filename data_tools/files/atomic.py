@@ -7,17 +7,8 @@ import os
 import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from evcalib.errors import InputError
-
-try:
-    import fcntl
-except ImportError:  # pragma: no cover  (not on Windows)
-    fcntl = None  # type: ignore[assignment]
-if TYPE_CHECKING:
-    pass
-
 
 PART = ".part"
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data_tools.files.text import check_end
+from evcalib.arrays import Flags, Floats, Integers
 from evcalib.errors import InputError
 
 
@@ -30,10 +31,10 @@ class Table:
     """
 
     path: str
-    columns: dict[str, NDArray[np.float64]]
-    line: NDArray[np.int64]
+    columns: dict[str, Floats]
+    line: Integers
 
-    def where(self, bad: NDArray[np.bool_]) -> str:
+    def where(self, bad: Flags) -> str:
         """Return ``"FILE line LINE"`` of the first bad row."""
         return f"{self.path} line {self.line[int(np.argmax(bad))]}"
 
@@ -130,7 +131,7 @@ def check_times(
         )
 
 
-def write_table(path: str | Path, columns: dict[str, NDArray[np.float64]]) -> None:
+def write_table(path: str | Path, columns: dict[str, Floats]) -> None:
     """Write columns of equal length so that reading them gives the same numbers again."""
     with open(path, "w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")

@@ -15,10 +15,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from data_tools.bags import Bag, Topic, open_bag
 from data_tools.logs.column_maps import Columns, Entry, column_map
+from evcalib.arrays import Flags, Floats, Integers
 from evcalib.errors import InputError
 from evcalib.kinematics import Vehicle, WheelLog, WheelStates
 from evcalib.series import VelocitySeries
@@ -165,7 +165,7 @@ def _joints(
 
 def _collected(
     bag: Bag, topic: Topic, messages: Iterator[tuple[Any, list[float]]]
-) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+) -> tuple[Integers, Floats]:
     stamps, rows = [], []
     with bag.reading(topic):
         for stamp, row in messages:
@@ -176,7 +176,7 @@ def _collected(
     return np.array(stamps, dtype=np.int64), np.array(rows, dtype=np.float64)
 
 
-def _advancing(stamps: NDArray[np.int64], where: str) -> NDArray[np.bool_]:
+def _advancing(stamps: Integers, where: str) -> Flags:
     """Return which messages are later than the one before; refuse clocks that were set."""
     if (stamps == 0).any():
         row = int(np.argmax(stamps == 0))
@@ -192,9 +192,7 @@ def _advancing(stamps: NDArray[np.int64], where: str) -> NDArray[np.bool_]:
     return np.concatenate([[True], steps > 0])
 
 
-def _wheel_log(
-    t: NDArray[np.float64], rows: NDArray[np.float64], names: list[str], vehicle: Vehicle
-) -> WheelLog:
+def _wheel_log(t: Floats, rows: Floats, names: list[str], vehicle: Vehicle) -> WheelLog:
     kinds = ("speed", "steer") if vehicle.steered else ("speed",)
     wanted = [f"{kind}_{name}" for kind in kinds for name in vehicle.names]
     if set(wanted) != set(names):

@@ -23,7 +23,7 @@ from typing import Any
 
 from data_tools.files.csv_table import Table, read_table
 from data_tools.files.text import read_yaml
-from evcalib import _check
+from evcalib import checks
 from evcalib.errors import InputError
 
 TIME = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
@@ -80,7 +80,7 @@ def column_map(
         If the file cannot be read, or an entry names no column, an unknown unit, or a rate of
         turning without a radius.
     """
-    _check.one_of(time_unit, "time_unit", tuple(TIME))
+    checks.one_of(time_unit, "time_unit", tuple(TIME))
     where = f"column map {columns}" if isinstance(columns, str | Path) else "column map"
     content = dict(_load(columns) if isinstance(columns, str | Path) else columns)
     radius = content.pop("wheel_radius", wheel_radius)
@@ -109,7 +109,7 @@ def read_mapped(
     """
     if columns is None:
         table = read_table(path)
-        factor = TIME[_check.one_of(time_unit, "time_unit", tuple(TIME))]
+        factor = TIME[checks.one_of(time_unit, "time_unit", tuple(TIME))]
         scaled = {"t": table.columns["t"] * factor} if "t" in table.columns else {}
         return replace(table, columns=table.columns | scaled)
     entries = column_map(columns, time_unit=time_unit, wheel_radius=wheel_radius)
@@ -142,7 +142,7 @@ def _entry(name: str, value: Any, radius: Any, defaults: dict[str, str]) -> Entr
         radius = content.get("radius", radius)
         if radius is None:
             raise InputError(f"{name} is in {unit}: give the wheel_radius in metres")
-        factor *= _check.positive(_number(radius, "wheel_radius"), "wheel_radius", "m")
+        factor *= checks.positive(_number(radius, "wheel_radius"), "wheel_radius", "m")
     return Entry(content["column"], factor)
 
 

@@ -11,12 +11,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from data_tools.files.archives import SUFFIX, load_array, opened_zip
 from data_tools.files.csv_table import Table, check_times, read_table, write_table
 from data_tools.logs.column_maps import Columns, read_mapped
-from evcalib.authors import PairedRows
+from evcalib.arrays import Floats
+from evcalib.baselines.authors import PairedRows
 from evcalib.errors import InputError
 from evcalib.series import HeadingSeries, VelocitySeries
 
@@ -172,7 +172,7 @@ def read_paired_streams(path: str | Path) -> PairedStreams:
     )
 
 
-def _unit(v: NDArray[np.float64], path: str | Path) -> NDArray[np.float64]:
+def _unit(v: Floats, path: str | Path) -> Floats:
     length = np.linalg.norm(v, axis=1, keepdims=True)
     if (length < 1e-9).any():
         row = int(np.argmin(length))

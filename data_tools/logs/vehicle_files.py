@@ -29,7 +29,7 @@ from typing import Any
 import yaml
 
 from data_tools.files.text import read_yaml
-from evcalib import _check
+from evcalib import checks
 from evcalib.errors import InputError
 from evcalib.kinematics import Mecanum, Omni, OmniWheel, Swerve, Vehicle, Wheel
 
@@ -76,7 +76,7 @@ def _build(content: dict[str, Any]) -> Vehicle:
     required, optional = _KEYS[kind]
     _check_keys(content, ("type", *required), optional, f"a {kind} vehicle")
     if kind == "mecanum":
-        lengths = (_check.positive(_number(content[key], key), key, "m") for key in required)
+        lengths = (checks.positive(_number(content[key], key), key, "m") for key in required)
         return Mecanum(*(0.5 * length for length in lengths))
     wheels = content["wheels"]
     if not isinstance(wheels, dict) or not wheels:

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from data_tools.bags import MAGIC, is_bag
 from data_tools.logs.bag_velocities import read_bag_motion
@@ -14,8 +13,9 @@ from data_tools.logs.column_maps import Columns
 from data_tools.logs.series_files import read_velocities
 from data_tools.logs.vehicle_files import read_vehicle
 from data_tools.logs.wheel_logs import read_wheel_log
-from evcalib import _check
-from evcalib._event_columns import whole_us
+from evcalib import checks
+from evcalib.arrays import Floats
+from evcalib.checks import whole_us
 from evcalib.errors import InputError
 from evcalib.kinematics import BodyVelocities, Vehicle, WheelLog, body_velocities
 from evcalib.series import VelocitySeries
@@ -61,7 +61,7 @@ class VelocitySource:
             )
         if max_yaw_rate is None:
             return self
-        limit = _check.positive(max_yaw_rate, "max_yaw_rate", "rad/s")
+        limit = checks.positive(max_yaw_rate, "max_yaw_rate", "rad/s")
         if self.velocities.yaw_rate is None:
             raise InputError(f"{self.name} has no yaw rate to be limited by max_yaw_rate")
         keep = np.abs(self.velocities.yaw_rate) <= limit
@@ -155,7 +155,7 @@ def read_body_velocities(
     return whole.limited(max_slip=max_slip, max_yaw_rate=max_yaw_rate)
 
 
-def _check_steps(t: NDArray[np.float64], path: Path) -> None:
+def _check_steps(t: Floats, path: Path) -> None:
     steps = np.diff(t)
     if steps.size and np.median(steps) < MIN_STEP:
         raise InputError(

@@ -12,11 +12,11 @@ from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from data_tools.files.csv_table import Table, check_times, write_table
 from data_tools.logs.column_maps import Columns, read_mapped
 from data_tools.logs.vehicle_files import read_vehicle
+from evcalib.arrays import Floats
 from evcalib.errors import InputError
 from evcalib.kinematics import BodyVelocities, Vehicle, WheelLog, WheelStates, body_velocities
 from evcalib.series import MAX_SPEED
@@ -126,7 +126,7 @@ def _wheels_of(columns: Iterable[str]) -> list[str]:
     return list(dict.fromkeys(names))
 
 
-def _columns(table: Table, kind: str, names: tuple[str, ...]) -> NDArray[np.float64]:
+def _columns(table: Table, kind: str, names: tuple[str, ...]) -> Floats:
     return np.stack([table.columns[f"{kind}_{name}"] for name in names], axis=1)
 
 

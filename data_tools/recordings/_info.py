@@ -7,10 +7,10 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from data_tools.recordings import _stages as stages
-from evcalib import _check
+from evcalib import checks
+from evcalib.arrays import Integers
 
 if TYPE_CHECKING:
     from data_tools.recordings._recording import Recording
@@ -135,7 +135,7 @@ def describe(recording: Recording, *, gap_limit: float = 0.1) -> RecordingInfo:
     InputError
         At damage that cannot be passed over.
     """
-    limit = _check.positive(gap_limit, "gap_limit", "seconds")
+    limit = checks.positive(gap_limit, "gap_limit", "seconds")
     late, gaps, rate = stages.Disorder(), _Gaps(limit), _Rate()
     count = on = 0
     first, last = 1 << 62, -(1 << 62)
@@ -180,7 +180,7 @@ class _Gaps:
         self._limit_us = limit * 1e6
         self._last: int | None = None
 
-    def add(self, t: NDArray[np.int64]) -> None:
+    def add(self, t: Integers) -> None:
         before = np.concatenate([[t[0] if self._last is None else self._last], t[:-1]])
         steps = t - before
         self.count += int(np.count_nonzero(steps > self._limit_us))
@@ -199,7 +199,7 @@ class _Rate:
         self.most = 0
         self._counts: Counter[int] = Counter()
 
-    def add(self, t: NDArray[np.int64]) -> None:
+    def add(self, t: Integers) -> None:
         windows = t // RATE_WINDOW_US
         starts = np.concatenate([[0], np.flatnonzero(windows[1:] != windows[:-1]) + 1])
         lengths = np.diff(starts, append=t.size)

@@ -10,8 +10,9 @@ from pathlib import Path
 from data_tools.recordings import _stages as stages
 from data_tools.recordings._info import RecordingInfo, describe
 from data_tools.recordings.formats import Columns, Format, Options, Size, Source, find
-from evcalib import _check
-from evcalib._event_columns import MAX_TIME_US, side, whole_us
+from evcalib import checks
+from evcalib._event_columns import MAX_TIME_US
+from evcalib.checks import side, whole_us
 from evcalib.errors import InputError
 from evcalib.events import Events
 
@@ -65,10 +66,10 @@ def open_recording(
     """
     path = Path(path)
     if time_unit is not None:
-        _check.one_of(time_unit, "time_unit", ("s", "ms", "us", "ns"))
+        checks.one_of(time_unit, "time_unit", ("s", "ms", "us", "ns"))
     if size is not None:
         size = side(size[0], "width"), side(size[1], "height")
-    _check.one_of(disorder, "disorder", ("refuse", "sort", "drop"))
+    checks.one_of(disorder, "disorder", ("refuse", "sort", "drop"))
     options = Options(format, size, time_unit, stream, disorder)
     return Recording(path, find(path, format), options, origin_us)
 

@@ -7,9 +7,9 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from data_tools.recordings.formats import Columns
+from evcalib.arrays import Integers
 from evcalib.errors import InputError
 
 MOST = 1 << 20
@@ -35,7 +35,7 @@ class Disorder:
     _latest: int = field(default=-(1 << 62), repr=False)
     _position: int = field(default=0, repr=False)
 
-    def lag(self, t: NDArray[np.int64]) -> NDArray[np.int64] | None:
+    def lag(self, t: Integers) -> Integers | None:
         """Return how late [us] each of the next events is, None if none is, and count."""
         self._position += t.size
         if not t.size:
@@ -50,7 +50,7 @@ class Disorder:
         self._latest = int(latest[-1])
         return lag
 
-    def place(self, lag: NDArray[np.int64], row: int, t: NDArray[np.int64]) -> str:
+    def place(self, lag: Integers, row: int, t: Integers) -> str:
         """Return where the event of a row of the piece just counted stands."""
         number = self._position - t.size + row
         return f"event {number} (t = {t[row]} us in the file) is {lag[row]} us late"

@@ -6,7 +6,7 @@ import hashlib
 from pathlib import Path
 
 from evcalib.errors import InputError
-from evcalib.run import InputFile
+from evcalib.pipeline import InputFile
 
 
 def input_file(path: str | Path, *, digest: bool = False) -> InputFile:

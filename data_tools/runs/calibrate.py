@@ -16,10 +16,9 @@ from data_tools.recordings import Recording
 from data_tools.runs._inputs import input_file
 from data_tools.runs.folder import RunFolder
 from data_tools.runs.headings import open_with_camera, with_progress
+from evcalib.alignment import Calibration
 from evcalib.errors import InputError
-from evcalib.pipeline import calibrate
-from evcalib.results import Calibration
-from evcalib.run import CalibrationRun, Truth
+from evcalib.pipeline import CalibrationRun, Truth, calibrate
 
 MAX_YAW_RATE = 0.5
 """Rows that turn faster [rad/s] are left out; slower turning is accounted for."""

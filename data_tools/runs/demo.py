@@ -16,10 +16,10 @@ from data_tools.simulation.drives import s_curve
 from data_tools.simulation.recorded_drive import VEHICLE, Disturbances, RecordedDrive, record_drive
 from data_tools.simulation.sensor import Sensor
 from data_tools.simulation.streams import Noise, SyntheticStreams, simulate
+from evcalib.alignment import Calibration
 from evcalib.errors import InputError
 from evcalib.events import Events
 from evcalib.geometry import rotation_angle
-from evcalib.results import Calibration
 
 DURATION = 9.5
 

@@ -10,15 +10,13 @@ from typing import Any
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 
 from data_tools.files.text import LARGEST_YAML, read_text, read_yaml
+from evcalib.alignment import Calibration
+from evcalib.arrays import Floats
 from evcalib.errors import InputError
 from evcalib.geometry import matrix_to_quaternion, matrix_to_rpy, quaternion_to_matrix
 from evcalib.geometry import rpy_to_matrix as rpy_matrix
-from evcalib.results import Calibration
-
-Floats = NDArray[np.float64]
 
 CONVENTION = (
     "v_body = R_body_cam v_cam, camera X right Y down Z forward, body X forward Y left Z up;"

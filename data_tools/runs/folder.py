@@ -31,7 +31,7 @@ try:
 except ImportError:  # pragma: no cover  (not on Windows)
     fcntl = None  # type: ignore[assignment]
 if TYPE_CHECKING:
-    from evcalib.run import CalibrationRun
+    from evcalib.pipeline import CalibrationRun
 from data_tools.files.atomic import Writer, _refusing, write_file
 
 MARKER = "INCOMPLETE"

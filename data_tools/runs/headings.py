@@ -15,11 +15,10 @@ from tqdm.auto import tqdm
 
 from data_tools.logs.camera_files import read_camera
 from data_tools.recordings import Recording, open_recording
-from evcalib._heading_result import HeadingEstimate
 from evcalib.camera import Camera
 from evcalib.errors import InputError
 from evcalib.events import Events
-from evcalib.heading import estimate_headings
+from evcalib.heading import HeadingEstimate, estimate_headings
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from evcalib.kernels._jit import jit
+from evcalib.kernels.jit import jit
 
 BOX = 8
 """Columns of a box: centre (3) and half sizes (3) [m], cosine and sine of its yaw."""

@@ -16,7 +16,7 @@ from data_tools.simulation._raycast_kernels import (
     render_pixels,
     turn,
 )
-from evcalib.kernels._jit import jit
+from evcalib.kernels.jit import jit
 
 DARK = 1e-3
 """Light below which the logarithm is flattened: log(light + DARK)."""

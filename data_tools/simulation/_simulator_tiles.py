@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from data_tools.simulation import _simulator_kernels as kernels
 from data_tools.simulation.sensor import empty_buffer
+from evcalib.arrays import Floats, Integers
 from evcalib.camera import Camera
 from evcalib.errors import InputError
-
-Floats = NDArray[np.float64]
 
 TILE = 8
 """Side of a tile [px]."""
@@ -73,7 +71,7 @@ def _pixel_angle(camera: Camera, low: Floats, high: Floats) -> Floats:
     return smallest
 
 
-def simulate_part(tiles: NDArray[np.int64], world: tuple, state: Floats) -> kernels.Buffer:
+def simulate_part(tiles: Integers, world: tuple, state: Floats) -> kernels.Buffer:
     """Return the events of some tiles over a span of time, and advance their pixels.
 
     `world` is (edges of the blocks, fraction, View, Poses, SceneArrays, Sensor).  If the events
@@ -92,6 +90,6 @@ def simulate_part(tiles: NDArray[np.int64], world: tuple, state: Floats) -> kern
         buffer = empty_buffer(count)
 
 
-def _pixels_of(bounds: NDArray[np.int64], width: int) -> NDArray[np.int64]:
+def _pixels_of(bounds: Integers, width: int) -> Integers:
     left, right, top, bottom = bounds
     return (np.arange(top, bottom)[:, None] * width + np.arange(left, right)).ravel()

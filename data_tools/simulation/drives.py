@@ -8,10 +8,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from evcalib import _check
+from evcalib import checks
+from evcalib.arrays import Floats, Integers
 from evcalib.errors import InputError
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -68,7 +67,7 @@ def s_curve(
     speed: float = 1.0,
 ) -> Drive:
     """Return an S-curve: the direction swings by +-`amplitude` [rad] with `period` [s]."""
-    rate = 2 * np.pi / _check.positive(period, "period", "seconds")
+    rate = 2 * np.pi / checks.positive(period, "period", "seconds")
     return Drive(
         "s-curve",
         duration,
@@ -90,7 +89,7 @@ def polyline(
 
     `turn_time` [s] spreads each turn smoothly around its instant; 0 turns at once.
     """
-    knots = np.arange(side, duration, _check.positive(side, "side", "seconds"))
+    knots = np.arange(side, duration, checks.positive(side, "side", "seconds"))
     levels = heading + turn * np.arange(knots.size + 1)
     return Drive("polyline", duration, _steps(knots, levels, turn_time), _constant(speed))
 
@@ -105,7 +104,7 @@ def zigzag(
     speed: float = 1.0,
 ) -> Drive:
     """Return a zigzag: sides of `side` [s] whose directions alternate by `turn` [rad]."""
-    knots = np.arange(side, duration, _check.positive(side, "side", "seconds"))
+    knots = np.arange(side, duration, checks.positive(side, "side", "seconds"))
     levels = heading + turn * (np.arange(knots.size + 1) % 2 - 0.5)
     return Drive("zigzag", duration, _steps(knots, levels, turn_time), _constant(speed))
 
@@ -126,7 +125,7 @@ def fingers(
     leg = out + pause
     directions = np.array([a + back for a in angles for back in (0.0, np.pi)])
 
-    def index(t: Floats) -> NDArray[np.int64]:
+    def index(t: Floats) -> Integers:
         return np.clip((t // leg).astype(np.int64), 0, directions.size - 1)
 
     def profile(t: Floats) -> Floats:

@@ -5,14 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from evcalib import _check
+from evcalib import checks
+from evcalib.arrays import Floats
 from evcalib.camera import Camera
 from evcalib.errors import InputError
 from evcalib.geometry import rotation_vector_to_matrix, unit
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +54,7 @@ def random_matches(
     depths : tuple of float
         Least and largest distance along the optical axis [m].
     """
-    motion = _check.floats(shift, "shift", (3,))
+    motion = checks.floats(shift, "shift", (3,))
     if not 0 <= outliers <= 1:
         raise InputError(f"outliers must be a share of 0 to 1, not {outliers!r}")
     size = np.array([camera.width, camera.height]) - 1.0

@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from data_tools.simulation._random import generator
 from data_tools.simulation.drives import Drive, arc, fingers, straight, wobble
@@ -17,12 +16,11 @@ from data_tools.simulation.scenes import furnished_room
 from data_tools.simulation.sensor import Sensor
 from data_tools.simulation.simulator import FORWARD, Simulator
 from data_tools.simulation.trajectory import Trajectory
-from evcalib import _check
+from evcalib import checks
+from evcalib.arrays import Floats
 from evcalib.camera import Camera
 from evcalib.geometry import rpy_to_matrix
 from evcalib.kinematics import Swerve, Wheel, WheelLog, WheelStates
-
-Floats = NDArray[np.float64]
 
 MOTIONS = ("sweep", "fingers", "straight", "arc")
 MOUNTINGS = ("forward", "sideways", "down")
@@ -126,10 +124,10 @@ def record_drive(
     InputError
         If a choice is unknown, or a number unusable.
     """
-    _check.one_of(motion, "motion", MOTIONS)
-    _check.one_of(mounting, "mounting", MOUNTINGS)
+    checks.one_of(motion, "motion", MOTIONS)
+    checks.one_of(mounting, "mounting", MOUNTINGS)
     rng = generator(seed, f"recorded drive, {motion}, {mounting}")
-    drive = _MAKERS[motion](rng, _check.positive(duration, "duration", "seconds"), speed)
+    drive = _MAKERS[motion](rng, checks.positive(duration, "duration", "seconds"), speed)
     if disturbances.yaw_rate:
         drive = replace(drive, yaw_rate=wobble(rng, disturbances.yaw_rate))
     R_body_cam = _mounting(rng, mounting)

@@ -11,10 +11,9 @@ from scipy.ndimage import gaussian_filter
 
 from data_tools.simulation._random import generator
 from data_tools.simulation._raycast_kernels import SceneArrays
-from evcalib import _check
+from evcalib import checks
+from evcalib.arrays import Floats
 from evcalib.errors import InputError
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,13 +54,13 @@ class Scene:
     faces: Floats | None = None
 
     def __post_init__(self) -> None:
-        room = _check.floats(self.room, "room", (2, 3))
+        room = checks.floats(self.room, "room", (2, 3))
         if (room[1] <= room[0]).any():
             raise InputError("room must be its lower corner, then its upper corner")
-        boxes = _check.floats(self.boxes, "boxes", (None, 7))
+        boxes = checks.floats(self.boxes, "boxes", (None, 7))
         if (boxes[:, 3:6] <= 0).any():
             raise InputError("boxes must have positive half sizes (columns 3 to 5)")
-        textures = _check.floats(self.textures, "textures", (None, None, None))
+        textures = checks.floats(self.textures, "textures", (None, None, None))
         side = textures.shape[1]
         if textures.shape[2] != side or side & (side - 1) or not textures.size:
             raise InputError(
@@ -71,13 +70,13 @@ class Scene:
             raise InputError("textures must be positive: nothing is perfectly black")
         count = 6 * (len(boxes) + 1)
         plain = np.tile([0.0, 0.0, 0.0, 1.0], (count, 1))
-        faces = _check.floats(plain if self.faces is None else self.faces, "faces", (count, 4))
+        faces = checks.floats(plain if self.faces is None else self.faces, "faces", (count, 4))
         if not np.isin(faces[:, 0], np.arange(len(textures))).all() or (faces[:, 3] <= 0).any():
             raise InputError("faces need the index of a texture (column 0) and a gain above 0")
         checked = {"room": room, "boxes": boxes, "faces": faces}
         for name, value in {**checked, "textures": textures.astype(np.float32)}.items():
             object.__setattr__(self, name, value)
-        object.__setattr__(self, "texel", _check.positive(self.texel, "texel", "metres"))
+        object.__setattr__(self, "texel", checks.positive(self.texel, "texel", "metres"))
 
     def arrays(self) -> SceneArrays:
         """Return the scene as the kernels want it, with the area-averaged levels of textures."""
@@ -105,7 +104,7 @@ class Scene:
 
         Inside a box it is 0.
         """
-        points = _check.floats(positions, "positions", (None, 3))
+        points = checks.floats(positions, "positions", (None, 3))
         free = np.minimum(points - self.room[0], self.room[1] - points).min(axis=1)
         for x, y, z, hx, hy, hz, yaw in self.boxes:
             dx, dy = points[:, 0] - x, points[:, 1] - y
@@ -200,7 +199,7 @@ def furnished_room(
         Floor at z = 0 or 0.3 m below the path, whichever is lower; the ceiling at 3 m or 1 m
         above the path.
     """
-    path = _check.floats(positions, "positions", (None, 3))
+    path = checks.floats(positions, "positions", (None, 3))
     if not len(path):
         raise InputError("positions hold no point: a room needs a path to stand around")
     rng = generator(seed, "room")

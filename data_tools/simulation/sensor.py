@@ -5,15 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from data_tools.simulation import _simulator_kernels as kernels
 from data_tools.simulation._random import generator
-from evcalib import _check
+from evcalib import checks
+from evcalib.arrays import Floats
 from evcalib.errors import InputError
 from evcalib.events import Events
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -41,8 +40,8 @@ class Sensor:
     noise_rate: float = 0.1
 
     def __post_init__(self) -> None:
-        _check.positive(self.threshold_on, "threshold_on")
-        _check.positive(self.threshold_off, "threshold_off")
+        checks.positive(self.threshold_on, "threshold_on")
+        checks.positive(self.threshold_off, "threshold_off")
         for name in ("mismatch", "refractory", "noise_rate"):
             value = getattr(self, name)
             if not (np.isfinite(value) and value >= 0):
@@ -77,8 +76,8 @@ def events_from_video(
     seed : int
         Of thresholds and noise.
     """
-    times = _check.times(t_us, "t_us")
-    levels = _check.floats(log_intensity, "log_intensity", (times.size, None, None))
+    times = checks.times(t_us, "t_us")
+    levels = checks.floats(log_intensity, "log_intensity", (times.size, None, None))
     if (times != np.floor(times)).any():
         raise InputError("t_us must be whole microseconds")
     if times.size < 2 or not levels[0].size:

@@ -26,14 +26,13 @@ from data_tools.simulation._simulator_tiles import camera_view, simulate_part
 from data_tools.simulation.scenes import Scene, furnished_room
 from data_tools.simulation.sensor import Sensor, merge
 from data_tools.simulation.trajectory import Trajectory
-from evcalib import _check
+from evcalib import checks
+from evcalib.arrays import Floats
 from evcalib.camera import Camera
 from evcalib.errors import InputError
 from evcalib.events import Events
 from evcalib.geometry import LOOKS_FORWARD
 from evcalib.series import HeadingSeries, VelocitySeries
-
-Floats = NDArray[np.float64]
 
 FORWARD = LOOKS_FORWARD
 """R_body_cam of a level camera that looks forward."""
@@ -149,12 +148,12 @@ class Simulator:
     fraction: float = 0.5
 
     def __post_init__(self) -> None:
-        R = _check.floats(self.R_body_cam, "R_body_cam", (3, 3))
+        R = checks.floats(self.R_body_cam, "R_body_cam", (3, 3))
         if np.abs(R @ R.T - np.eye(3)).max() > 1e-6 or np.linalg.det(R) < 0:
             raise InputError("R_body_cam is not a rotation matrix")
         object.__setattr__(self, "R_body_cam", R)
-        _check.floats(self.lever, "lever", (3,))
-        _check.positive(self.fraction, "fraction", "pixels")
+        checks.floats(self.lever, "lever", (3,))
+        checks.positive(self.fraction, "fraction", "pixels")
         edges = self._blocks()
         truth = self.truth(1e-6 * np.arange(edges[0], edges[-1], POSE_US))
         free = self.scene.clearance(truth.position)
@@ -175,7 +174,7 @@ class Simulator:
             By default one per core, four at most; the events do not depend on it.
         """
         events = Events.concatenate(list(self.stream(threads=threads)))
-        times = _check.floats(frame_times, "frame_times", (None,))
+        times = checks.floats(frame_times, "frame_times", (None,))
         frames = np.empty((times.size, self.camera.height, self.camera.width), dtype=np.float32)
         for frame, t in zip(frames, times, strict=True):
             frame[:] = self.frame(t)
@@ -284,9 +283,9 @@ def simulate_translation(
     sensor : Sensor
         What the pixels do; the default sensor if not given.
     """
-    ahead = _check.floats(direction, "direction", (3,))
-    length = _check.positive(float(np.linalg.norm(ahead)), "length of direction")
-    travel = speed * _check.positive(duration, "duration", "seconds") * FORWARD @ ahead / length
+    ahead = checks.floats(direction, "direction", (3,))
+    length = checks.positive(float(np.linalg.norm(ahead)), "length of direction")
+    travel = speed * checks.positive(duration, "duration", "seconds") * FORWARD @ ahead / length
     ends = np.outer([-0.5, 0.5], travel) + [0.0, 0.0, 1.2 + abs(travel[2])]
     path = Trajectory(np.array([0.0, duration]), ends)
     scene = furnished_room(path.position_at(np.linspace(0.0, duration, 100)), seed)

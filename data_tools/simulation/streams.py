@@ -9,16 +9,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from data_tools.simulation.drives import Drive
-from evcalib import _check
+from evcalib import checks
+from evcalib.arrays import Floats
 from evcalib.errors import InputError
 from evcalib.geometry import random_rotation
 from evcalib.series import HeadingSeries, VelocitySeries
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -105,6 +103,7 @@ def simulate(
 
     Examples
     --------
+    >>> from data_tools.simulation.drives import s_curve
     >>> made = simulate(s_curve(10), np.random.default_rng(1), offset=0.2)
     >>> len(made.headings), len(made.velocities), made.offset
     (300, 500, 0.2)
@@ -148,7 +147,7 @@ def dead_reckon(velocities: VelocitySeries) -> Floats:
 
 
 def _sample_times(duration: float, rate: float, noise: Noise, rng: np.random.Generator) -> Floats:
-    step = 1.0 / _check.positive(rate, "rate", "samples per second")
+    step = 1.0 / checks.positive(rate, "rate", "samples per second")
     t = np.arange(rng.uniform(0, step), duration, step)
     keep = rng.random(t.size) >= noise.dropout
     for start, end in noise.gaps:

@@ -6,17 +6,16 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.interpolate import PchipInterpolator
 from scipy.spatial.transform import Rotation, Slerp
 
 from data_tools.simulation.drives import Drive
 from data_tools.simulation.streams import dead_reckon
-from evcalib import _check
+from evcalib import checks
+from evcalib.arrays import Floats
 from evcalib.errors import InputError
 from evcalib.series import VelocitySeries
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,10 +46,10 @@ class Trajectory:
     rotation: Floats | None = None
 
     def __post_init__(self) -> None:
-        t = _check.times(self.t, "trajectory t")
+        t = checks.times(self.t, "trajectory t")
         if t.size < 2:
             raise InputError(f"a trajectory needs at least two samples, not {t.size}")
-        position = _check.floats(self.position, "trajectory position", (t.size, 3))
+        position = checks.floats(self.position, "trajectory position", (t.size, 3))
         object.__setattr__(self, "t", t)
         object.__setattr__(self, "position", position)
         object.__setattr__(self, "rotation", _rotations(self.rotation, t.size))
@@ -68,7 +67,7 @@ class Trajectory:
         rate : float
             Samples per second.
         """
-        count = int(np.ceil(drive.duration * _check.positive(rate, "rate"))) + 1
+        count = int(np.ceil(drive.duration * checks.positive(rate, "rate"))) + 1
         t = np.linspace(0.0, drive.duration, count)
         yaw_rate = drive.yaw_rate(t)
         position = dead_reckon(VelocitySeries(t, drive.velocity(t), yaw_rate))
@@ -108,7 +107,7 @@ class Trajectory:
         return (samples[:-1].inv() * samples[1:]).as_rotvec() / np.diff(self.t)[:, None]
 
     def _inside(self, t: ArrayLike) -> Floats:
-        times = _check.floats(t, "t", (None,))
+        times = checks.floats(t, "t", (None,))
         out = (times < self.t[0] - 1e-9) | (times > self.t[-1] + 1e-9)
         if out.any():
             raise InputError(
@@ -122,9 +121,9 @@ def _rotations(given: ArrayLike | None, n: int) -> Floats:
     """Return rotation matrices, shape (n, 3, 3), of angles about Z or of matrices."""
     values = np.zeros(n) if given is None else np.asarray(given)
     if values.ndim == 1:
-        angles = _check.floats(values, "trajectory rotation", (n,))
+        angles = checks.floats(values, "trajectory rotation", (n,))
         return Rotation.from_rotvec(np.outer(angles, [0.0, 0.0, 1.0])).as_matrix()
-    matrices = _check.floats(values, "trajectory rotation", (n, 3, 3))
+    matrices = checks.floats(values, "trajectory rotation", (n, 3, 3))
     off = np.abs(matrices @ matrices.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
     off = np.maximum(off, np.abs(np.linalg.det(matrices) - 1.0))
     if off.max() > 1e-6:

@@ -24,7 +24,7 @@ from data_tools.studies._engine.short import (
     short_lines,
 )
 from data_tools.studies._engine.study import Cell, Study
-from evcalib import _check
+from evcalib import checks
 
 __all__ = [
     "STUDIES",
@@ -75,7 +75,7 @@ def study(name: str, **options: Any) -> Study:
     Study
         What `run_study` runs.
     """
-    _check.one_of(name, "study", tuple(STUDIES))
+    checks.one_of(name, "study", tuple(STUDIES))
     home, function = _HOMES.get(name, (name, "study"))
     made: Study = getattr(import_module(f"data_tools.studies.{home}"), function)(**options)
     return made

@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from data_tools.simulation import drives
 from data_tools.simulation.drives import Drive
 from data_tools.studies.sighting_drives import Fault
+from evcalib.arrays import Floats
 from evcalib.camera import Camera
 
-Floats = NDArray[np.float64]
 Generator = np.random.Generator
 
 SENSORS = ((96, 72), (128, 128), (240, 180), (346, 260), (640, 480))

@@ -17,13 +17,13 @@ from scipy.interpolate import CubicSpline, PchipInterpolator
 
 from data_tools.simulation.random_drives import noise, streams
 from data_tools.studies._engine.study import Cell, Row, Study
+from evcalib.alignment.offset import find_offset
+from evcalib.alignment.offset_refinement import inliers_at, refine_offset
+from evcalib.alignment.registration import Solution
 from evcalib.errors import EvcalibError
 from evcalib.geometry import rotation_angle
-from evcalib.offset import find_offset
-from evcalib.refinement import inliers_at, refine_offset
+from evcalib.kinematics.velocity_track import VelocityTrack, velocity_track
 from evcalib.series import HeadingSeries, VelocitySeries
-from evcalib.solution import Solution
-from evcalib.track import VelocityTrack, velocity_track
 
 Floats = np.ndarray
 

@@ -7,20 +7,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from data_tools.simulation.streams import dead_reckon
-from evcalib.baselines import METHODS, TRAJECTORY_METHODS, calibrate_with
-from evcalib.baselines.rival import RivalInput
+from evcalib.alignment import Calibration
+from evcalib.alignment.verdict import MAX_TURNING
+from evcalib.arrays import Floats
+from evcalib.baselines import METHODS, TRAJECTORY_METHODS, RivalInput, calibrate_with
 from evcalib.errors import EvcalibError, InputError
 from evcalib.geometry import matrix_to_rpy, rotation_angle
 from evcalib.poses import GAP, PoseSeries
-from evcalib.results import Calibration
 from evcalib.series import HeadingSeries, VelocitySeries
-from evcalib.verdict import MAX_TURNING
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,9 +23,9 @@ from data_tools.studies import run_study
 from data_tools.studies._engine.result import StudyResult
 from data_tools.studies._engine.study import Cell, Study
 from data_tools.studies.batch_list import read_list
+from evcalib.alignment import Calibration
 from evcalib.errors import EvcalibError
 from evcalib.geometry import matrix_to_rpy
-from evcalib.results import Calibration
 
 Calibrate = Callable[..., Calibration]
 """Called with what an entry of the list has but its name, and the folder for results as

@@ -19,12 +19,11 @@ from data_tools.studies._engine.result import StudyResult
 from data_tools.studies._engine.study import Cell, Row, Study
 from data_tools.studies.sighting_drives import sight
 from data_tools.studies.sightings import Corners
+from evcalib.arrays import Flags, Floats
 from evcalib.errors import InputError
 from evcalib.geometry import random_rotation, rotation_angle
-from evcalib.results import Calibration
+from evcalib.pipeline import RefinedCalibration
 from evcalib.uncertainty import rotation_radius, t_quantile
-
-Floats = NDArray[np.float64]
 
 CELLS = (
     Cell("none", {"fault": "none"}),
@@ -108,7 +107,7 @@ MAX_OFFSET = 0.6
 """Offsets within which all are searched [s]."""
 
 
-def outcome(found: Calibration, R_body_cam: Floats, offset: float) -> Row:
+def outcome(found: RefinedCalibration, R_body_cam: Floats, offset: float) -> Row:
     """Return errors, intervals and verdict of one calibration."""
     error = rotation_angle(found.R_body_cam, R_body_cam)
     samples = found.diagnostics.independent_headings
@@ -165,7 +164,7 @@ def verdicts(results: Sequence[StudyResult]) -> list[Row]:
     return [*rows, _verdict("all but those that are absorbed", table, told)]
 
 
-def _verdict(name: str, table: Mapping[str, NDArray[Any]], rows: NDArray[np.bool_]) -> Row:
+def _verdict(name: str, table: Mapping[str, NDArray[Any]], rows: Flags) -> Row:
     rows = rows & (table["failure"] == "")
     determined = rows & table["determined"].astype(bool)
     sure = determined & (table["doubts"] == "")

@@ -14,7 +14,7 @@ import numpy as np
 from data_tools.simulation import random_drives
 from data_tools.simulation.streams import SyntheticStreams
 from data_tools.studies._engine.study import Cell, Row, Study
-from evcalib.calibration import align
+from evcalib.alignment import align
 from evcalib.geometry import rotation_angle
 
 ODOMETRY_NOISE = 0.02

@@ -16,22 +16,18 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from data_tools.simulation.drives import s_curve
 from data_tools.simulation.scenes import furnished_room
 from data_tools.simulation.sensor import Sensor
 from data_tools.simulation.simulator import FORWARD, Simulator, Truth
 from data_tools.simulation.trajectory import Trajectory
-from evcalib._correspondences import Correspondences
-from evcalib._heading_result import HeadingEstimate
+from evcalib.arrays import Floats
 from evcalib.camera import Camera
 from evcalib.errors import InputError
 from evcalib.geometry import angle_between, rotation_vector_to_matrix, unit
-from evcalib.heading import estimate_headings
+from evcalib.heading import Correspondences, HeadingEstimate, estimate_headings
 from evcalib.series import HeadingSeries
-
-Floats = NDArray[np.float64]
 
 CAMERA = Camera(240, 180, 200.0, 200.0, 119.5, 89.5)
 

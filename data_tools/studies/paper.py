@@ -95,8 +95,7 @@ def trial(parameters: Mapping[str, Any], seed: np.random.SeedSequence) -> list[R
 
 def _row(name: str, made: SyntheticStreams, max_offset: float, seed: int) -> Row:
     from data_tools.studies.baseline_runs import reckoned_poses
-    from evcalib.baselines import TRAJECTORY_METHODS, calibrate_with
-    from evcalib.baselines.rival import RivalInput
+    from evcalib.baselines import TRAJECTORY_METHODS, RivalInput, calibrate_with
 
     try:
         given = RivalInput(made.headings, made.velocities)

@@ -20,8 +20,8 @@ import numpy as np
 
 from data_tools.logs.series_files import read_paired_rows, read_paired_streams
 from data_tools.studies._engine.study import Cell, Row, Study
-from evcalib.authors import with_alignment, without_alignment
-from evcalib.calibration import align
+from evcalib.alignment import align
+from evcalib.baselines.authors import with_alignment, without_alignment
 from evcalib.errors import EvcalibError, InputError
 from evcalib.geometry import rotation_angle, rotation_vector_to_matrix
 
@@ -87,8 +87,7 @@ def _ours(found: Any) -> Row:
 
 
 def _rival(name: str, headings: Any, velocities: Any) -> Row:
-    from evcalib.baselines import calibrate_with
-    from evcalib.baselines.rival import RivalInput
+    from evcalib.baselines import RivalInput, calibrate_with
 
     try:
         return _row(name, calibrate_with(name, RivalInput(headings, velocities)))

@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 from inspect import signature
 
 import numpy as np
-from numpy.typing import NDArray
 
 from data_tools.simulation.drives import Drive, wobble
 from data_tools.simulation.trajectory import Trajectory
@@ -20,24 +19,28 @@ from data_tools.studies.sightings import (
     RATE,
     USUAL,
     Corners,
+    Integers,
     Sightings,
     Spans,
-    Whole,
     outside,
     sighted,
 )
-from evcalib._heading_fit import FitOptions
-from evcalib._heading_result import HeadingEstimate, collected
-from evcalib._keyframes import Counts
-from evcalib._matches import CELL_PX, MAX_STEPS, Matches
-from evcalib._windows import HeadingWindows
+from evcalib.arrays import Floats
 from evcalib.camera import Camera
-from evcalib.heading import REACH, estimate_headings
-from evcalib.pipeline import calibrate_estimate
-from evcalib.results import Calibration
+from evcalib.heading import (
+    CELL_PX,
+    MAX_STEPS,
+    REACH,
+    Counts,
+    FitOptions,
+    HeadingEstimate,
+    HeadingWindows,
+    Matches,
+    collected,
+    estimate_headings,
+)
+from evcalib.pipeline import RefinedCalibration, calibrate_estimate
 from evcalib.series import VelocitySeries
-
-Floats = NDArray[np.float64]
 
 STEPS = 5
 """Longest span of a pair: 0.6 s, where `evcalib.calibrate` has 0.7."""
@@ -141,7 +144,7 @@ class SightingDrive:
         counts = Counts(keyframes=len(keyframes), keypoints=len(self.sightings.corner))
         return collected(windows.found, windows.gaps, counts, windows.kept)
 
-    def calibrate(self, *, max_offset: float = 1.0) -> Calibration:
+    def calibrate(self, *, max_offset: float = 1.0) -> RefinedCalibration:
         """Return what `evcalib.calibrate` makes of it."""
         return calibrate_estimate(
             self.estimate(), self.velocities, focal=self.camera.focal, max_offset=max_offset
@@ -185,7 +188,7 @@ class SightingDrive:
 class _Keyframe:
     number: int
     t: float
-    corner: Whole
+    corner: Integers
     xy: Floats
     bearings: Floats
 

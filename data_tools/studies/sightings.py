@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from data_tools.simulation.trajectory import Trajectory
+from evcalib.arrays import Flags, Floats, Integers
 from evcalib.camera import Camera
 
-Floats = NDArray[np.float64]
-Whole = NDArray[np.int64]
 Spans = tuple[tuple[float, float], ...]
 
 RATE = 8.0
@@ -70,8 +68,8 @@ class Sightings:
     """
 
     t: Floats
-    keyframe: Whole
-    corner: Whole
+    keyframe: Integers
+    corner: Integers
     xy: Floats
 
 
@@ -129,7 +127,9 @@ def sighted(
     return Sightings(t, keyframe[kept], corner[kept], xy[kept])
 
 
-def unit_noise(rng: np.random.Generator, corner: Whole, keyframe: Whole, memory: float) -> Floats:
+def unit_noise(
+    rng: np.random.Generator, corner: Integers, keyframe: Integers, memory: float
+) -> Floats:
     """Return unit noise (n, 2): white, or half of its variance an AR(1) along each corner."""
     white = rng.standard_normal((corner.size, 2))
     if not memory:
@@ -143,7 +143,7 @@ def unit_noise(rng: np.random.Generator, corner: Whole, keyframe: Whole, memory:
     return np.sqrt(0.5) * (white + np.sqrt(2.0 / waves) * slow)
 
 
-def outside(t: Floats, spans: Spans) -> NDArray[np.bool_]:
+def outside(t: Floats, spans: Spans) -> Flags:
     """Tell which times lie in none of the intervals."""
     out = np.ones(t.shape, dtype=np.bool_)
     for start, end in spans:

@@ -19,22 +19,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from evcalib import _check
-from evcalib.baselines import (
-    canonical,
-    cross_correlation,
-    released,
-    trajectories,
-    velocity_correlation,
-)
-from evcalib.baselines.rival import (
+from evcalib import checks
+from evcalib.alignment import Calibration, align
+from evcalib.baselines import _streams, authors, trajectories
+from evcalib.baselines._interface import (
     CertifiedCalibration,
     RivalCalibration,
     RivalInput,
     TrajectoryCalibration,
 )
-from evcalib.calibration import align
-from evcalib.results import Calibration
 
 __all__ = [
     "METHODS",
@@ -50,11 +43,11 @@ METHODS: dict[str, Callable[[RivalInput, float, int], Calibration]] = {
     "ours": lambda s, reach, seed: align(
         s.headings, s.velocities, max_offset=reach, hold=s.hold, seed=seed
     ),
-    "vc": lambda s, reach, _: velocity_correlation.vc(s, max_offset=reach),
-    "vc_wota": lambda s, *_: velocity_correlation.vc_wota(s),
-    "authors": lambda s, *_: released.authors(s),
-    "cross_correlation": lambda s, reach, _: cross_correlation.correlate(s, max_offset=reach),
-    "cca": lambda s, reach, _: canonical.cca(s, max_offset=reach),
+    "vc": lambda s, reach, _: _streams.vc(s, max_offset=reach),
+    "vc_wota": lambda s, *_: _streams.vc_wota(s),
+    "authors": lambda s, *_: authors.authors(s),
+    "cross_correlation": lambda s, reach, _: _streams.correlate(s, max_offset=reach),
+    "cca": lambda s, reach, _: _streams.cca(s, max_offset=reach),
     "hand_eye": lambda s, *_: trajectories.hand_eye(s),
     "hand_eye_offset": lambda s, reach, _: trajectories.hand_eye(s, max_offset=reach),
     "cgoc": lambda s, *_: trajectories.cgoc(s),
@@ -91,6 +84,6 @@ def calibrate_with(
     InputError
         If the name is unknown, or the streams are unusable.
     """
-    _check.one_of(name, "method", tuple(METHODS))
-    _check.positive(max_offset, "max_offset", "seconds")
+    checks.one_of(name, "method", tuple(METHODS))
+    checks.positive(max_offset, "max_offset", "seconds")
     return METHODS[name](streams, max_offset, seed)

@@ -26,16 +26,13 @@ from itertools import combinations_with_replacement
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from evcalib.arrays import Floats
 from evcalib.baselines.hand_eye import HandEye, Quadratic, minimise, quadratic, solution
-from evcalib.baselines.motions import associate, motions
 from evcalib.errors import InputError
 from evcalib.geometry import unit
-from evcalib.kernels import hand_eye as kernel
-from evcalib.poses import PoseSeries
-
-Floats = NDArray[np.float64]
+from evcalib.kernels.baselines import hand_eye as kernel
+from evcalib.poses import PoseSeries, associate, motions
 
 CERTIFIED = 1e-4
 """Relative gap up to which a solution is proved to be the best one."""

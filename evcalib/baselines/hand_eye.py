@@ -15,18 +15,15 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import optimize
 from scipy.spatial.transform import Rotation
 
-from evcalib.baselines.motions import Motions, associate, motions
+from evcalib.alignment.observability import axis_name
+from evcalib.alignment.offset import OffsetCurve, candidate_offsets
+from evcalib.arrays import Floats
 from evcalib.errors import InputError
-from evcalib.kernels import hand_eye as kernel
-from evcalib.observability import axis_name
-from evcalib.offset import OffsetCurve, candidate_offsets
-from evcalib.poses import PoseSeries
-
-Floats = NDArray[np.float64]
+from evcalib.kernels.baselines import hand_eye as kernel
+from evcalib.poses import Motions, PoseSeries, associate, motions
 
 SEARCH_STEP = 0.1
 """Grid of the search for the offset [s]; trajectories are integrals, and smooth."""

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from typing import Any
 
-from evcalib.baselines.cgoc import cgoc as _cgoc
-from evcalib.baselines.hand_eye import HandEye
-from evcalib.baselines.hand_eye import hand_eye as _hand_eye
-from evcalib.baselines.rival import (
+from evcalib.baselines._interface import (
     CertifiedCalibration,
     RivalInput,
     TrajectoryCalibration,
     finish,
 )
+from evcalib.baselines.cgoc import cgoc as _cgoc
+from evcalib.baselines.hand_eye import HandEye
+from evcalib.baselines.hand_eye import hand_eye as _hand_eye
 
 
 def hand_eye(

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from evcalib.arrays import Floats
 from evcalib.errors import InputError
 from evcalib.kinematics._states import BodyTwist
 
@@ -14,16 +14,16 @@ MIN_GAIN = 1e-3
 """Smallest over largest response of the wheels to a unit motion; below it, no answer."""
 
 
-def solve(matrix: NDArray[np.float64], measured: NDArray[np.float64], wheels: int) -> BodyTwist:
+def solve(matrix: Floats, measured: Floats, wheels: int) -> BodyTwist:
     """Return the twists that fit the measurements (n, m) of so many wheels best."""
     twist = measured @ np.linalg.pinv(matrix).T
     return with_slip(matrix, measured, twist, wheels)
 
 
 def with_slip(
-    matrix: NDArray[np.float64],
-    measured: NDArray[np.float64],
-    twist: NDArray[np.float64],
+    matrix: Floats,
+    measured: Floats,
+    twist: Floats,
     wheels: int,
 ) -> BodyTwist:
     """Return the twists (n, 3) together with what they leave unexplained."""
@@ -32,15 +32,13 @@ def with_slip(
     return BodyTwist(v=twist[:, :2], yaw_rate=twist[:, 2], slip=slip)
 
 
-def contact_velocities(
-    positions: NDArray[np.float64], v: NDArray[np.float64], yaw_rate: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def contact_velocities(positions: Floats, v: Floats, yaw_rate: Floats) -> Floats:
     """Return u = v + omega x r of each wheel, shape (n, k, 2) [m/s]."""
     turn = np.stack([-positions[:, 1], positions[:, 0]], axis=1)
     return v[:, None, :] + yaw_rate[:, None, None] * turn
 
 
-def check_observable(matrix: NDArray[np.float64], positions: NDArray[np.float64]) -> None:
+def check_observable(matrix: Floats, positions: Floats) -> None:
     """Refuse wheels that leave a motion of the body unmeasured, and name that motion.
 
     Conditioning is judged about the wheels' centroid with yaw scaled by their spread, so that
@@ -61,7 +59,7 @@ def check_observable(matrix: NDArray[np.float64], positions: NDArray[np.float64]
         raise InputError(_unmeasured(motions[2], centre, spread))
 
 
-def _unmeasured(motion: NDArray[np.float64], centre: NDArray[np.float64], spread: float) -> str:
+def _unmeasured(motion: Floats, centre: Floats, spread: float) -> str:
     vx, vy, omega = motion[0], motion[1], motion[2] / spread
     if abs(omega) * spread > 1e-6 * np.hypot(vx, vy):
         x, y = centre[0] - vy / omega, centre[1] + vx / omega

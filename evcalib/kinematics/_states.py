@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
-from evcalib import _check
+from evcalib import checks
+from evcalib.arrays import Floats
 from evcalib.errors import InputError
 
 
@@ -28,14 +26,14 @@ class WheelStates:
         If a shape or a value is unusable.
     """
 
-    speed: NDArray[np.float64]
-    steer: NDArray[np.float64] | None = None
+    speed: Floats
+    steer: Floats | None = None
 
     def __post_init__(self) -> None:
-        speed = _check.floats(self.speed, "wheel speed", (None, None))
+        speed = checks.floats(self.speed, "wheel speed", (None, None))
         object.__setattr__(self, "speed", speed)
         if self.steer is not None:
-            object.__setattr__(self, "steer", _check.floats(self.steer, "steer", speed.shape))
+            object.__setattr__(self, "steer", checks.floats(self.steer, "steer", speed.shape))
 
     def __len__(self) -> int:
         return int(self.speed.shape[0])
@@ -53,11 +51,11 @@ class WheelLog:
         The states of the wheels at these times.
     """
 
-    t: NDArray[np.float64]
+    t: Floats
     states: WheelStates
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "t", _check.times(self.t, "wheel t"))
+        object.__setattr__(self, "t", checks.times(self.t, "wheel t"))
         if len(self.states) != self.t.size:
             raise InputError(f"{self.t.size} times but {len(self.states)} rows of wheel states")
 
@@ -80,6 +78,6 @@ class BodyTwist:
         what a rigid body with this twist would make it measure [m/s].
     """
 
-    v: NDArray[np.float64]
-    yaw_rate: NDArray[np.float64]
-    slip: NDArray[np.float64]
+    v: Floats
+    yaw_rate: Floats
+    slip: Floats

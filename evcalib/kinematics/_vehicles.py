@@ -8,9 +8,10 @@ from dataclasses import dataclass, fields
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from evcalib import _check
+from evcalib import checks
+from evcalib.arrays import Floats
 from evcalib.errors import InputError
 from evcalib.kinematics import _rigid
 from evcalib.kinematics._states import BodyTwist, WheelStates
@@ -65,12 +66,12 @@ class _Vehicle:
         return tuple(wheel.name for wheel in self.wheels)
 
     @property
-    def positions(self) -> NDArray[np.float64]:
+    def positions(self) -> Floats:
         """Contact points [m], shape (k, 2)."""
         return np.array([(wheel.x, wheel.y) for wheel in self.wheels], dtype=np.float64)
 
     @property
-    def matrix(self) -> NDArray[np.float64]:
+    def matrix(self) -> Floats:
         """The matrix H from a twist (v_x, v_y, omega) to what the wheels measure."""
         raise NotImplementedError
 
@@ -148,12 +149,12 @@ class Swerve(_Vehicle):
     steered: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
-        _check.one_of(self.method, "method", ("least_squares", "average"))
+        checks.one_of(self.method, "method", ("least_squares", "average"))
         object.__setattr__(self, "wheels", _check_wheels(self.wheels, 2, Wheel))
         _rigid.check_observable(self.matrix, self.positions)
 
     @property
-    def matrix(self) -> NDArray[np.float64]:
+    def matrix(self) -> Floats:
         """The matrix H, shape (2 k, 3): rows (1, 0, -y) and (0, 1, x) for each wheel."""
         x, y = self.positions.T
         one, zero = np.ones_like(x), np.zeros_like(x)
@@ -214,7 +215,7 @@ class Mecanum(_Vehicle):
 
     def __post_init__(self) -> None:
         for name in ("half_length", "half_width"):
-            value = _check.positive(getattr(self, name), name, "m")
+            value = checks.positive(getattr(self, name), name, "m")
             object.__setattr__(self, name, value)
 
     @property
@@ -225,7 +226,7 @@ class Mecanum(_Vehicle):
         return tuple(Wheel(name, *corner) for name, corner in corners.items())
 
     @property
-    def matrix(self) -> NDArray[np.float64]:
+    def matrix(self) -> Floats:
         """The matrix H, shape (4, 3)."""
         a = self.half_length + self.half_width
         return np.array([[1, -1, -a], [1, 1, a], [1, 1, -a], [1, -1, a]], dtype=np.float64)
@@ -259,7 +260,7 @@ class Omni(_Vehicle):
         _rigid.check_observable(self.matrix, self.positions)
 
     @property
-    def matrix(self) -> NDArray[np.float64]:
+    def matrix(self) -> Floats:
         """The matrix H, shape (k, 3)."""
         x, y = self.positions.T
         drive = np.array([wheel.drive for wheel in self.wheels])
@@ -270,7 +271,7 @@ class Omni(_Vehicle):
 Vehicle = Swerve | Mecanum | Omni
 
 
-def _average(speed: NDArray[np.float64], steer: NDArray[np.float64]) -> NDArray[np.float64]:
+def _average(speed: Floats, steer: Floats) -> Floats:
     """Return mean speed times (cos, sin) of the circular mean angle, shape (n, 2)."""
     forwards = np.where(speed < 0, -1.0, 1.0)
     x, y = (forwards * np.cos(steer)).mean(axis=1), (forwards * np.sin(steer)).mean(axis=1)
@@ -312,8 +313,6 @@ def _check_states(states: WheelStates, vehicle: _Vehicle) -> None:
         raise InputError(f"a {type(vehicle).__name__.lower()} vehicle {want} of {names}")
 
 
-def _check_twist(
-    v: ArrayLike, yaw_rate: ArrayLike
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    velocity = _check.floats(v, "v", (None, 2))
-    return velocity, _check.floats(yaw_rate, "yaw_rate", (velocity.shape[0],))
+def _check_twist(v: ArrayLike, yaw_rate: ArrayLike) -> tuple[Floats, Floats]:
+    velocity = checks.floats(v, "v", (None, 2))
+    return velocity, checks.floats(yaw_rate, "yaw_rate", (velocity.shape[0],))

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from evcalib import _check
+from evcalib import checks
+from evcalib.arrays import Flags, Floats
 from evcalib.errors import InputError
 from evcalib.kinematics._states import WheelLog
 from evcalib.kinematics._vehicles import Vehicle
@@ -33,7 +33,7 @@ class BodyVelocities:
     """
 
     velocities: VelocitySeries
-    slip: NDArray[np.float64]
+    slip: Floats
     rows: int
     over_slip: int
     over_yaw_rate: int
@@ -118,9 +118,7 @@ def body_velocities(
     return whole.limited(max_slip, max_yaw_rate)
 
 
-def _over(
-    values: NDArray[np.float64], limit: float | None, name: str, unit: str
-) -> NDArray[np.bool_]:
+def _over(values: Floats, limit: float | None, name: str, unit: str) -> Flags:
     if limit is None:
         return np.zeros(values.shape, dtype=bool)
-    return values > _check.positive(limit, name, unit)
+    return values > checks.positive(limit, name, unit)

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 from matplotlib.axes import Axes
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from evcalib.arrays import Floats, Integers
 
 
 def azimuth(v: Floats) -> Floats:
@@ -24,7 +23,7 @@ def beside(line: Floats, angle: Floats) -> Floats:
     return line + (angle - line + 180.0) % 360.0 - 180.0
 
 
-def unbroken(t: Floats, angle: Floats) -> tuple[Floats, NDArray[np.int64]]:
+def unbroken(t: Floats, angle: Floats) -> tuple[Floats, Integers]:
     """Return angles [deg] that do not jump where they wrap, and where gaps in time cut them."""
     steps = np.diff(t)
     longest = 5.0 * np.median(steps) if steps.size else 0.0
@@ -33,7 +32,7 @@ def unbroken(t: Floats, angle: Floats) -> tuple[Floats, NDArray[np.int64]]:
     return np.concatenate(parts), cuts
 
 
-def cut(values: Floats, cuts: NDArray[np.int64]) -> Floats:
+def cut(values: Floats, cuts: Integers) -> Floats:
     """Return values with NaN in the cuts, where a line is to break."""
     return np.insert(values, cuts, np.nan)
 

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 from mpl_toolkits.mplot3d import Axes3D
-from numpy.typing import NDArray
 
+from evcalib.arrays import Floats
 from evcalib.plots import style
-
-Floats = NDArray[np.float64]
 
 
 def draw_globe(ax: Axes3D, *, elevation: float, azimuth: float) -> None:

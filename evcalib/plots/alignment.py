@@ -9,17 +9,15 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from mpl_toolkits.mplot3d import Axes3D
-from numpy.typing import NDArray
 
+from evcalib.alignment import Calibration
+from evcalib.alignment.offset import OffsetCurve
+from evcalib.arrays import Floats
 from evcalib.geometry import LOOKS_FORWARD
-from evcalib.offset import OffsetCurve
 from evcalib.plots import style
 from evcalib.plots._angles import azimuth, elevation
 from evcalib.plots._globe import draw_globe
-from evcalib.results import Calibration
 from evcalib.series import HeadingSeries, VelocitySeries
-
-Floats = NDArray[np.float64]
 
 SLOW = 0.1
 """Below this share of the median speed a direction of travel is not drawn."""

@@ -8,8 +8,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
-from numpy.typing import NDArray
 
+from evcalib.arrays import Floats
 from evcalib.design import REPEATS, Prediction, self_likeness
 from evcalib.plots import style
 from evcalib.series import VelocitySeries
@@ -54,7 +54,7 @@ def draw_plan(axes: Sequence[Axes], velocities: VelocitySeries) -> None:
     style.label(axes[1], "time [s]", "speed [m/s]")
 
 
-def draw_likeness(ax: Axes, prediction: Prediction, alone: NDArray[np.float64]) -> None:
+def draw_likeness(ax: Axes, prediction: Prediction, alone: Floats) -> None:
     """Draw how like itself the drive is when shifted, and how like if directions alone count.
 
     Above the grey line, apart from the middle, a drive may be taken for itself.
@@ -117,7 +117,7 @@ def draw_design(
     axes: Sequence[Axes],
     velocities: VelocitySeries,
     prediction: Prediction,
-    alone: NDArray[np.float64],
+    alone: Floats,
 ) -> None:
     """Draw all panels of a planned drive into the axes of `design_axes`."""
     draw_course(axes[0], velocities)
@@ -125,7 +125,7 @@ def draw_design(
     draw_likeness(axes[3], prediction, alone)
 
 
-def course(velocities: VelocitySeries) -> NDArray[np.float64]:
+def course(velocities: VelocitySeries) -> Floats:
     """Return where a body that keeps its heading is at the times of a drive [m], shape (n, 2)."""
     step = np.diff(velocities.t)[:, None]
     v = velocities.v[:, :2]

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from evcalib.events import Events
 from evcalib.plots import style
-from evcalib.surface_quality import grey
+from evcalib.surfaces.quality import grey
 
 NAMES = {
     "ts": "TS",

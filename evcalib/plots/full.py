@@ -8,16 +8,14 @@ from itertools import pairwise
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from evcalib.alignment.offset import OffsetCurve
+from evcalib.arrays import Floats
 from evcalib.geometry import angle_between
-from evcalib.offset import OffsetCurve
+from evcalib.kinematics.velocity_track import VelocityTrack
 from evcalib.plots import _angles, style
 from evcalib.plots.offset import MIN_SPAN, paired
 from evcalib.series import HeadingSeries
-from evcalib.track import VelocityTrack
-
-Floats = NDArray[np.float64]
 
 LOOKS = {
     "corners": (style.OUTLIER, "s", "keypoints of corner events"),

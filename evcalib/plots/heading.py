@@ -10,22 +10,19 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from numpy.typing import ArrayLike, NDArray
 
-from evcalib._translation import Translation
+from evcalib.arrays import Flags, Floats
 from evcalib.camera import Camera
 from evcalib.geometry import angle_between, unit
+from evcalib.heading import Translation
+from evcalib.heading.two_views import Pairs
 from evcalib.plots import style
-from evcalib.surface_quality import grey
-from evcalib.two_views import Pairs
-
-Floats = NDArray[np.float64]
+from evcalib.surfaces.quality import grey
 
 LINES = 15
 """About so many epipolar lines are drawn."""
 
 
-def draw_matches(
-    ax: Axes, camera: Camera, pairs: Pairs, inliers: NDArray[np.bool_] | None = None
-) -> None:
+def draw_matches(ax: Axes, camera: Camera, pairs: Pairs, inliers: Flags | None = None) -> None:
     """Draw matches as strokes that end in a dot where the point came to.
 
     Parameters
@@ -43,11 +40,9 @@ def draw_matches(
     show_image_plane(ax, camera)
 
 
-def draw_strokes(
-    ax: Axes, xy1: Floats, xy2: Floats, inliers: NDArray[np.bool_] | None = None
-) -> None:
+def draw_strokes(ax: Axes, xy1: Floats, xy2: Floats, inliers: Flags | None = None) -> None:
     """Draw matched pixels, shape (n, 2), as strokes that end in a dot; see `draw_matches`."""
-    kinds: dict[str, tuple[NDArray[np.bool_], str]] = {}
+    kinds: dict[str, tuple[Flags, str]] = {}
     if inliers is None:
         kinds["match"] = np.ones(len(xy1), dtype=np.bool_), style.MEASURED
     else:

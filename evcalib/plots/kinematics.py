@@ -12,6 +12,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
 from numpy.typing import NDArray
 
+from evcalib.arrays import Floats
 from evcalib.kinematics import BodyVelocities, Mecanum, Omni, Vehicle, WheelStates
 from evcalib.plots import style
 
@@ -181,7 +182,7 @@ def _reach(vehicle: Vehicle, one: WheelStates) -> float:
     return float(max(2.2 * np.abs(vehicle.positions).max(), 1.08 * np.abs(tips).max()))
 
 
-def _wheel_angles(vehicle: Vehicle, one: WheelStates) -> NDArray[np.float64]:
+def _wheel_angles(vehicle: Vehicle, one: WheelStates) -> Floats:
     if one.steer is not None:
         return one.steer[0]
     if isinstance(vehicle, Omni):
@@ -189,26 +190,22 @@ def _wheel_angles(vehicle: Vehicle, one: WheelStates) -> NDArray[np.float64]:
     return np.zeros(len(vehicle.wheels))
 
 
-def _implied(
-    vehicle: Vehicle, v: NDArray[np.float64], yaw_rate: float, angle: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _implied(vehicle: Vehicle, v: Floats, yaw_rate: float, angle: Floats) -> Floats:
     """Return what the wheels would measure under this twist, as vectors (k, 2) [m/s]."""
     said = vehicle.matrix @ np.array([v[0], v[1], yaw_rate])
     return said.reshape(-1, 2) if vehicle.steered else said[:, None] * _unit(angle)
 
 
-def _unit(angle: NDArray[np.float64]) -> NDArray[np.float64]:
+def _unit(angle: Floats) -> Floats:
     return np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
 
-def _on_page(points: NDArray[np.float64]) -> NDArray[np.float64]:
+def _on_page(points: Floats) -> Floats:
     """Body (x forward, y left) to plot coordinates: y across (its axis runs leftwards), x up."""
     return points[..., ::-1]
 
 
-def _placed(
-    motion: tuple[float, float, float], t: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _placed(motion: tuple[float, float, float], t: float) -> tuple[Floats, Floats]:
     """Return where a constant twist takes the body in some time, and how it is turned then."""
     vx, vy, rate = motion
     turned = rate * t
@@ -222,11 +219,11 @@ def _placed(
 def _draw_chassis(
     ax: Axes,
     vehicle: Vehicle,
-    angle: NDArray[np.float64],
+    angle: Floats,
     size: float,
     *,
-    place: NDArray[np.float64] = ORIGIN,
-    turn: NDArray[np.float64] = UPRIGHT,
+    place: Floats = ORIGIN,
+    turn: Floats = UPRIGHT,
     alpha: float = 1.0,
 ) -> None:
     places = vehicle.positions
@@ -248,9 +245,7 @@ def _draw_chassis(
             ax.plot(*_on_page(ends).T, color="0.2", lw=1, zorder=3, alpha=alpha)
 
 
-def _arrow(
-    ax: Axes, start: NDArray[np.float64], end: NDArray[np.float64], color: str, width: float = 2.0
-) -> None:
+def _arrow(ax: Axes, start: Floats, end: Floats, color: str, width: float = 2.0) -> None:
     if np.hypot(*(end - start)) < MIN_ARROW:
         return
     look = {"arrowstyle": "-|>", "color": color, "lw": width, "shrinkA": 0, "shrinkB": 0}
@@ -259,12 +254,12 @@ def _arrow(
     ax.annotate("", xy=tip, xytext=tail, arrowprops=look, annotation_clip=False, zorder=5)
 
 
-def _bar(ax: Axes, start: NDArray[np.float64], end: NDArray[np.float64]) -> None:
+def _bar(ax: Axes, start: Floats, end: Floats) -> None:
     if np.hypot(*(end - start)) >= MIN_ARROW:
         ax.plot(*_on_page(np.stack([start, end])).T, color=style.OUTLIER, lw=4, zorder=6)
 
 
-def _draw_turning_point(ax: Axes, v: NDArray[np.float64], yaw_rate: float, reach: float) -> None:
+def _draw_turning_point(ax: Axes, v: Floats, yaw_rate: float, reach: float) -> None:
     if abs(yaw_rate) * reach <= np.hypot(*v):
         return
     ax.plot(v[0] / yaw_rate, -v[1] / yaw_rate, "X", color=style.BODY, ms=9, zorder=6)

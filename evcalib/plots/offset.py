@@ -6,16 +6,15 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
-from numpy.typing import NDArray
 
-from evcalib.offset import OffsetCurve
+from evcalib.alignment import intervals
+from evcalib.alignment.offset import OffsetCurve
+from evcalib.arrays import Floats, Integers
+from evcalib.kinematics.velocity_track import VelocityTrack
 from evcalib.plots import style
 from evcalib.plots._angles import azimuth, beside, cut, show_at_least, unbroken
 from evcalib.plots.alignment import draw_curve
 from evcalib.series import HeadingSeries, VelocitySeries
-from evcalib.track import VelocityTrack, intervals
-
-Floats = NDArray[np.float64]
 
 MIN_SPAN = 30.0
 """The azimuth axis shows at least this range [deg], so that noise does not fill it."""
@@ -79,7 +78,7 @@ def draw_streams(
 def draw_tried(
     ax: Axes,
     curve: OffsetCurve,
-    tried: NDArray[np.int64],
+    tried: Integers,
     *,
     reveal: bool = False,
     true: float | None = None,

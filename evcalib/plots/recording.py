@@ -6,15 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
-from numpy.typing import NDArray
 
-from evcalib._heading_result import HeadingEstimate
-from evcalib._recording import EventRate, Snapshot
+from evcalib.arrays import Floats
+from evcalib.heading import EventRate, HeadingEstimate, Snapshot
 from evcalib.plots import style
 from evcalib.plots.events import draw_surface
 from evcalib.plots.heading import draw_strokes
-
-Floats = NDArray[np.float64]
 
 FOUND = "heading found"
 """The row of `draw_gaps` that is no gap."""

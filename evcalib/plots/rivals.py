@@ -6,15 +6,13 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
-from numpy.typing import NDArray
 
-from evcalib.baselines.rival import RivalInput
+from evcalib.alignment import Calibration
+from evcalib.arrays import Floats
+from evcalib.baselines import RivalInput
 from evcalib.plots import style
 from evcalib.plots.studies import colour_of
 from evcalib.poses import PoseSeries
-from evcalib.results import Calibration
-
-Floats = NDArray[np.float64]
 
 LEAST_DEG = 0.02
 """Errors below this [deg] are drawn as this."""

@@ -6,13 +6,11 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
-from numpy.typing import NDArray
 
+from evcalib.alignment.rotation import RotationEstimate
+from evcalib.arrays import Flags, Floats
 from evcalib.geometry import angle_between
 from evcalib.plots import style
-from evcalib.rotation import RotationEstimate
-
-Floats = NDArray[np.float64]
 
 GATE = 3.0
 """Residuals within this many standard deviations count as inliers, as in `plots.alignment`."""
@@ -139,7 +137,7 @@ def draw_breakdown(
     style.label(ax, "random headings [%]", "median error [deg]")
 
 
-def _inlier(e: Floats, d: Floats, estimate: RotationEstimate) -> NDArray[np.bool_]:
+def _inlier(e: Floats, d: Floats, estimate: RotationEstimate) -> Flags:
     angle = angle_between(e @ estimate.R_body_cam.T, d)
     return np.asarray(angle <= GATE * estimate.sigma)
 

@@ -11,9 +11,10 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from evcalib import _check
+from evcalib import checks
+from evcalib.alignment.offset import OffsetCurve
+from evcalib.arrays import Floats
 from evcalib.errors import InputError
-from evcalib.offset import OffsetCurve
 from evcalib.plots import style
 
 Table = Mapping[str, NDArray[Any]]
@@ -39,7 +40,7 @@ WIDEST = 0.84
 def draw_boxes(
     ax: Axes,
     table: Table,
-    values: NDArray[np.float64],
+    values: Floats,
     *,
     labels: Sequence[str],
     groups: Sequence[str],
@@ -127,9 +128,7 @@ def draw_rows(
     figure.legend(handles=handles, loc="outside upper center", ncols=5)
 
 
-def draw_cost_of_clock(
-    ax: Axes, expected: Sequence[NDArray[np.float64]], found: Sequence[NDArray[np.float64]]
-) -> None:
+def draw_cost_of_clock(ax: Axes, expected: Sequence[Floats], found: Sequence[Floats]) -> None:
     """Draw errors of the rotation over those that a wrong clock explains, groups in turn.
 
     Parameters
@@ -147,7 +146,7 @@ def draw_cost_of_clock(
 def draw_arcs(
     axes: Sequence[Axes],
     curves: Mapping[str, OffsetCurve],
-    found: Mapping[float, Sequence[NDArray[np.float64]]],
+    found: Mapping[float, Sequence[Floats]],
     *,
     true: float,
 ) -> None:
@@ -209,7 +208,7 @@ def study_figure(
     InputError
         If a column is missing, or nothing is left to draw.
     """
-    _check.one_of(scale, "scale", ("log", "linear"))
+    checks.one_of(scale, "scale", ("log", "linear"))
     missing = [name for name in ("group", by, "rotation_deg") if name not in table]
     if missing:
         raise InputError(f"the table lacks the column(s) {', '.join(missing)}")
@@ -254,7 +253,7 @@ def cost_figure(
         Name of the study.
     """
     trials, workers = np.asarray(trials), np.asarray(workers)
-    seconds = _check.floats(seconds, "seconds", (trials.size,))
+    seconds = checks.floats(seconds, "seconds", (trials.size,))
     if workers.shape != trials.shape or trials.size == 0:
         raise InputError("trials, workers and seconds must have the same length, at least 1")
     counts = np.unique(workers)

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from evcalib import _check, _event_columns
+from evcalib import checks
 from evcalib._event_columns import MAX_TIME_US
 from evcalib.errors import InputError
 from evcalib.events import Events
-from evcalib.kernels.time_surface import NEVER
+from evcalib.kernels.surfaces.time_surface import NEVER
 
 LARGEST_PATCH = 31
 
@@ -26,7 +26,7 @@ class Surface:
     def __init__(self, width: int, height: int, polarity: str) -> None:
         empty = Events.empty(width, height)
         self.width, self.height = empty.width, empty.height
-        self.polarity = _check.one_of(polarity, "polarity", ("merged", "split"))
+        self.polarity = checks.one_of(polarity, "polarity", ("merged", "split"))
         self.reset()
 
     def reset(self) -> None:
@@ -108,7 +108,7 @@ def whole(value: int, name: str, least: int, most: int) -> int:
 
 def whole_us(t_us: int) -> int:
     """Return a time that events can have [us]."""
-    return whole(_event_columns.whole_us(t_us, "t_us"), "t_us", 0, MAX_TIME_US)
+    return whole(checks.whole_us(t_us, "t_us"), "t_us", 0, MAX_TIME_US)
 
 
 def odd_side(value: int, name: str) -> int:

@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-from evcalib import _check
+from evcalib import checks
+from evcalib.arrays import Floats
 from evcalib.errors import InputError
 from evcalib.events import Events
-from evcalib.kernels.dist import NONE, dist_render, dist_update
-from evcalib.kernels.time_surface import NEVER
+from evcalib.kernels.surfaces.dist import NONE, dist_render, dist_update
+from evcalib.kernels.surfaces.time_surface import NEVER
 from evcalib.surfaces._base import Surface, odd_side, render_once
 
 
@@ -55,7 +55,7 @@ class Dist(Surface):
         if not (math.isfinite(self.alpha) and self.alpha >= 0):
             raise InputError(f"alpha must be a number of at least 0, not {alpha!r}")
         self.patch = odd_side(patch, "patch")
-        self.clip = _check.positive(clip, "clip")
+        self.clip = checks.positive(clip, "clip")
         if self.clip > 1:
             raise InputError(f"clip must be a share of at most 1, not {clip!r}")
         super().__init__(width, height, polarity)
@@ -76,7 +76,7 @@ class Dist(Surface):
             self._state.reshape(3, -1), self._plane(rows * stride), corner, stride, *columns
         )
 
-    def _image(self, t: int) -> NDArray[np.float64]:
+    def _image(self, t: int) -> Floats:
         options = (self._start, self.alpha, self.patch // 2, self.clip)
         planes = np.ascontiguousarray(self._state.swapaxes(0, 1))
         return np.stack([dist_render(plane, *options) for plane in planes])
@@ -90,7 +90,7 @@ def dist(
     patch: int = 5,
     clip: float = 0.99,
     polarity: str = "split",
-) -> NDArray[np.float64]:
+) -> Floats:
     """Return the discounted, sorted timestamps of the events up to `t_us`.
 
     Parameters

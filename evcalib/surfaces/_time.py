@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from evcalib import _check
+from evcalib import checks
+from evcalib.arrays import Floats, Integers
 from evcalib.errors import InputError
 from evcalib.events import Events
-from evcalib.kernels.time_surface import NEVER, decay, sae_update
+from evcalib.kernels.surfaces.time_surface import NEVER, decay, sae_update
 from evcalib.surfaces._base import Surface, render_once
 
 
@@ -30,7 +30,7 @@ class TimeSurface(Surface):
     def __init__(
         self, width: int, height: int, *, tau: float = 0.03, polarity: str = "merged"
     ) -> None:
-        self.tau = _check.positive(tau, "tau", "seconds")
+        self.tau = checks.positive(tau, "tau", "seconds")
         if not 1e-6 <= self.tau <= 1e6:
             raise InputError(f"tau must be 1e-6 to 1e6 seconds, not {tau!r}")
         super().__init__(width, height, polarity)
@@ -42,12 +42,12 @@ class TimeSurface(Surface):
         plane = self._plane(self.height * self.width)
         sae_update(self._sae, plane, events.x, events.y, events.t, events.p, self.width)
 
-    def _image(self, t: int) -> NDArray[np.float64]:
+    def _image(self, t: int) -> Floats:
         out = np.empty(self._sae.size)
         decay(self._sae, t, 1e-6 / self.tau, out)
         return out
 
-    def last_times(self) -> NDArray[np.int64]:
+    def last_times(self) -> Integers:
         """Return a copy of the last event's time of each pixel [us], -1 where none came."""
         shape = (self.height, self.width)
         return self._sae.reshape(shape if self.polarity == "merged" else (2, *shape)).copy()
@@ -55,7 +55,7 @@ class TimeSurface(Surface):
 
 def time_surface(
     events: Events, t_us: int | None = None, *, tau: float = 0.03, polarity: str = "merged"
-) -> NDArray[np.float64]:
+) -> Floats:
     """Return the time surface of the events up to `t_us`.
 
     Parameters

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from evcalib._event_columns import MAX_TIME_US
 from evcalib.errors import InputError
 from evcalib.events import Events
-from evcalib.kernels.time_surface import keep_young
+from evcalib.kernels.surfaces.time_surface import keep_young
 from evcalib.surfaces._base import Surface, render_once
-from evcalib.surfaces._ordinal import Tos
 from evcalib.surfaces._time import TimeSurface
+from evcalib.surfaces._tos import Tos
 
 
 class TosTs(Surface):

@@ -8,9 +8,10 @@ from typing import Protocol
 
 import ipywidgets as widgets
 import numpy as np
-from numpy.typing import NDArray
 
-from evcalib import offset as search
+from evcalib.alignment import Calibration, covered_at_all, intervals, weights
+from evcalib.alignment import offset as search
+from evcalib.arrays import Floats
 from evcalib.errors import InputError
 from evcalib.geometry import (
     LOOKS_FORWARD,
@@ -21,15 +22,12 @@ from evcalib.geometry import (
     rotation_vector_to_matrix,
     rpy_to_matrix,
 )
+from evcalib.kinematics.velocity_track import VelocityTrack, velocity_track
 from evcalib.plots import style
 from evcalib.plots.full import cockpit_axes, draw_cockpit
 from evcalib.plots.offset import paired
-from evcalib.results import Calibration
 from evcalib.series import HeadingSeries, VelocitySeries
-from evcalib.track import VelocityTrack, intervals, velocity_track
 from evcalib.widgets._parts import Panel, bare_figure, encode, pixels, slider, wipe
-
-Floats = NDArray[np.float64]
 
 MAX_OFFSET = 1.0
 """Range of the offset [s]."""
@@ -72,14 +70,15 @@ class Recording:
 class Scorer:
     """The robust score of any offset and rotation, as the search has it for the best rotation.
 
-    It is Eq. 3 of notebook 4 without its maximum: what :func:`evcalib.offset.find_offset` gives at
-    an offset is the largest that any rotation can reach there.
+    It is Eq. 3 of notebook 4 without its maximum: what
+    :func:`evcalib.alignment.offset.find_offset` gives at an offset is the largest that any rotation
+    can reach there.
     """
 
     def __init__(self, headings: HeadingSeries, track: VelocityTrack, reach: float) -> None:
         ends = np.array([-reach, 0.0, reach])
-        self._headings = search.covered_at_all(headings, track, ends)
-        self._weights, self._track = search.weights(self._headings), track
+        self._headings = covered_at_all(headings, track, ends)
+        self._weights, self._track = weights(self._headings), track
 
     def __call__(self, offset: float, R_body_cam: Floats) -> float:
         """Return the score; 0 where the odometry covers nothing."""

@@ -9,14 +9,14 @@ from typing import Protocol
 import cv2
 import ipywidgets as widgets
 import numpy as np
-from numpy.typing import NDArray
 
+from evcalib.arrays import Floats
 from evcalib.design import Prediction, Viewing, predict
+from evcalib.design.waypoints import drive_through, read_way_points
 from evcalib.errors import InputError
 from evcalib.plots import style
 from evcalib.plots.design import course, design_axes, draw_design
 from evcalib.series import VelocitySeries
-from evcalib.waypoints import drive_through, read_way_points
 from evcalib.widgets._parts import (
     Panel,
     Picture,
@@ -226,7 +226,7 @@ class DriveDesigner(Panel):
             points = np.vstack([points.reshape(-1, 2), last + leg])
         self.points.value = "\n".join(f"{x:.4g} {y:.4g}" for x, y in np.round(points, 2) + 0.0)
 
-    def _next_points(self) -> NDArray[np.float64]:
+    def _next_points(self) -> Floats:
         """Return where the arrows of the pad lead to, seen from the start of the drive."""
         points = read_way_points(self.points.value)
         ways = np.array([way for way in PAD.values() if any(way)], dtype=np.float64)

@@ -9,17 +9,18 @@ import ipywidgets as widgets
 import numpy as np
 from numpy.typing import NDArray
 
-from evcalib._translation import Translation
+from evcalib.arrays import Floats
 from evcalib.camera import Camera
-from evcalib.epipolar import five_point, two_point
 from evcalib.errors import InputError
 from evcalib.events import Events
 from evcalib.features import Keypoints
 from evcalib.geometry import angle_between
+from evcalib.heading import Translation
+from evcalib.heading.epipolar import five_point, two_point
+from evcalib.heading.two_views import Pairs, keypoints_at, matched
 from evcalib.plots import style
 from evcalib.plots.heading import draw_backdrop, draw_heading, draw_offsets
-from evcalib.surface_quality import surface_images
-from evcalib.two_views import Pairs, keypoints_at, matched
+from evcalib.surfaces.quality import surface_images
 from evcalib.widgets._parts import Panel, bare_figure, encode, pixels, player, whole_slider, wipe
 
 STEP_MS = 25
@@ -43,7 +44,7 @@ class Recording(Protocol):
     def camera(self) -> Camera: ...  # noqa: D102
 
     @property
-    def direction(self) -> NDArray[np.float64]: ...  # noqa: D102
+    def direction(self) -> Floats: ...  # noqa: D102
 
 
 class HeadingPanel(Panel):

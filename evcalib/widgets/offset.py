@@ -9,15 +9,14 @@ from typing import Protocol
 import ipywidgets as widgets
 import numpy as np
 
-from evcalib.calibration import align
+from evcalib.alignment import Calibration, align
+from evcalib.alignment.offset import OffsetCurve, find_offset
+from evcalib.alignment.offset_refinement import inliers_at
 from evcalib.errors import InputError
-from evcalib.offset import OffsetCurve, find_offset
+from evcalib.kinematics.velocity_track import velocity_track
 from evcalib.plots import style
 from evcalib.plots.offset import draw_search
-from evcalib.refinement import inliers_at
-from evcalib.results import Calibration
 from evcalib.series import HeadingSeries, VelocitySeries
-from evcalib.track import velocity_track
 from evcalib.widgets._parts import Panel, bare_figure, encode, pixels, slider, wipe
 
 MAX_OFFSET = 1.0

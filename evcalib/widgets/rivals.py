@@ -8,15 +8,14 @@ from typing import Protocol
 
 import ipywidgets as widgets
 import numpy as np
-from numpy.typing import NDArray
 
-from evcalib.baselines import METHODS, calibrate_with
-from evcalib.baselines.rival import RivalInput
+from evcalib.alignment import Calibration
+from evcalib.arrays import Floats
+from evcalib.baselines import METHODS, RivalInput, calibrate_with
 from evcalib.errors import EvcalibError, InputError
 from evcalib.geometry import rotation_angle
 from evcalib.plots import style
 from evcalib.plots.rivals import draw_rivals
-from evcalib.results import Calibration
 from evcalib.widgets._parts import (
     Panel,
     bare_figure,
@@ -40,13 +39,13 @@ class Trial(Protocol):
     def given(self) -> RivalInput: ...  # noqa: D102
 
     @property
-    def R_body_cam(self) -> NDArray[np.float64]: ...  # noqa: D102
+    def R_body_cam(self) -> Floats: ...  # noqa: D102
 
     @property
     def offset(self) -> float: ...  # noqa: D102
 
     @property
-    def path(self) -> NDArray[np.float64]: ...  # noqa: D102
+    def path(self) -> Floats: ...  # noqa: D102
 
 
 class RivalPanel(Panel):

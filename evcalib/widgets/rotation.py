@@ -7,13 +7,13 @@ from typing import Protocol
 
 import ipywidgets as widgets
 import numpy as np
-from numpy.typing import NDArray
 
+from evcalib.alignment.rotation import METHODS, RotationEstimate, estimate_rotation
+from evcalib.arrays import Floats
 from evcalib.errors import InputError
 from evcalib.geometry import rotation_angle
 from evcalib.plots import style
 from evcalib.plots.rotation import draw_losses
-from evcalib.rotation import METHODS, RotationEstimate, estimate_rotation
 from evcalib.widgets._parts import Panel, bare_figure, encode, pixels, whole_slider, wipe
 
 MAX_SHARE = 90
@@ -24,13 +24,13 @@ class Pairs(Protocol):
     """Paired directions with the rotation that is true of them."""
 
     @property
-    def e(self) -> NDArray[np.float64]: ...  # noqa: D102
+    def e(self) -> Floats: ...  # noqa: D102
 
     @property
-    def d(self) -> NDArray[np.float64]: ...  # noqa: D102
+    def d(self) -> Floats: ...  # noqa: D102
 
     @property
-    def R_body_cam(self) -> NDArray[np.float64]: ...  # noqa: D102
+    def R_body_cam(self) -> Floats: ...  # noqa: D102
 
 
 class RotationPanel(Panel):

@@ -10,13 +10,13 @@ import ipywidgets as widgets
 import numpy as np
 from numpy.typing import NDArray
 
-from evcalib import _check
-from evcalib.corners import arc_star
+from evcalib import checks
 from evcalib.errors import InputError
 from evcalib.events import Events
+from evcalib.features.corners import arc_star
 from evcalib.plots import style
 from evcalib.plots.events import NAMES
-from evcalib.surface_quality import grey, likeness, surface_images
+from evcalib.surfaces.quality import grey, likeness, surface_images
 from evcalib.widgets._parts import Panel, bgr, encode, player, slider, whole_slider
 
 ROOM = 330
@@ -125,7 +125,7 @@ class SurfacePanel(Panel):
         name : str, optional
             Of the recording; by default that of the slider.
         """
-        name = _check.one_of(name or self.speed.value, "name", tuple(self.streams))
+        name = checks.one_of(name or self.speed.value, "name", tuple(self.streams))
         patch, tau = int(self.patch.value), 1e-3 * self.tau.value
         options: dict[str, dict[str, float]] = {
             "ts": {"tau": tau},

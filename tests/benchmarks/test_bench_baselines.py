@@ -15,8 +15,8 @@ from data_tools.studies.baseline_runs import reckoned_poses
 from evcalib.baselines import METHODS, calibrate_with
 from evcalib.baselines.cgoc import certify
 from evcalib.baselines.hand_eye import closed_form, hand_eye, minimise, quadratic
-from evcalib.baselines.motions import motions
 from evcalib.geometry import rotation_angle
+from evcalib.poses import motions
 
 DRIVES = {"polyline": drives.polyline(), "arc": drives.arc()}
 

@@ -9,9 +9,9 @@ import numba
 import numpy as np
 import pytest
 
-from evcalib.corners import ArcStar, arc_star
 from evcalib.events import Events
-from evcalib.kernels.corners import LARGE_CIRCLE, NEVER, SMALL_CIRCLE
+from evcalib.features.corners import ArcStar, arc_star
+from evcalib.kernels.features.corners import LARGE_CIRCLE, NEVER, SMALL_CIRCLE
 
 WIDTH, HEIGHT, N = 346, 260, 5_000_000
 SMALL, LARGE = (tuple(map(tuple, circle.tolist())) for circle in (SMALL_CIRCLE, LARGE_CIRCLE))

@@ -12,10 +12,10 @@ from scipy.interpolate import CubicSpline
 from data_tools.logs.series_files import read_paired_rows
 from data_tools.simulation import drives
 from data_tools.simulation.streams import Noise, simulate
-from evcalib.authors import SEARCH, _sorted_unique
-from evcalib.kernels import authors as kernel
-from evcalib.offset import find_offset
-from evcalib.track import velocity_track
+from evcalib.alignment.offset import find_offset
+from evcalib.baselines.authors import SEARCH, _sorted_unique
+from evcalib.kernels.baselines import authors as kernel
+from evcalib.kinematics.velocity_track import velocity_track
 
 
 @pytest.mark.benchmark(group="robust search, 201 candidates")

@@ -12,7 +12,7 @@ import pytest
 from evcalib.events import Events
 from evcalib.surfaces import Tos
 from evcalib.surfaces._dist import Dist
-from evcalib.surfaces._ordinal import Silc
+from evcalib.surfaces._silc import Silc
 from evcalib.surfaces._time import TimeSurface
 from evcalib.surfaces._tos_ts import TosTs
 

@@ -23,7 +23,8 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from evcalib._event_columns import side
+from evcalib.arrays import Flags, Integers
+from evcalib.checks import side
 from evcalib.errors import InputError
 
 MODULES = ("text", "csv", "npz", "hdf5", "prophesee_raw", "prophesee_dat", "aedat4", "rosbag")
@@ -42,8 +43,8 @@ class Columns(NamedTuple):
 
     x: NDArray[np.unsignedinteger]
     y: NDArray[np.unsignedinteger]
-    t: NDArray[np.int64]
-    p: NDArray[np.bool_]
+    t: Integers
+    p: Flags
 
     def rows(self, which: slice | NDArray) -> Columns:
         """Return the events of a slice, a mask or an order."""

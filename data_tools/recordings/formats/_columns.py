@@ -7,6 +7,8 @@ from numpy.typing import NDArray
 
 from data_tools.recordings.formats import Columns
 from evcalib import _event_columns as take
+from evcalib import checks
+from evcalib.arrays import Flags, Integers
 from evcalib.errors import InputError
 
 ALIASES = {
@@ -66,7 +68,7 @@ class Converter:
 
     def _pixels(self, values: NDArray, name: str) -> NDArray[np.unsignedinteger]:
         whole = self._whole(values, name)
-        bad = (whole < 0) | (whole > take.MAX_SIDE)
+        bad = (whole < 0) | (whole > checks.MAX_SIDE)
         if bad.any():
             row = int(np.argmax(bad))
             raise InputError(f"event {self._row + row} has {name} = {whole[row]}, no pixel")
@@ -88,7 +90,7 @@ class Converter:
             )
         return values.astype(np.int64)
 
-    def _times(self, values: NDArray) -> NDArray[np.int64]:
+    def _times(self, values: NDArray) -> Integers:
         kind = values.dtype.kind
         if kind not in self._units:
             raise InputError(f"times must be numbers, not {values.dtype}")
@@ -106,7 +108,7 @@ class Converter:
         except InputError as error:
             raise InputError(f"counted from event {self._row}: {error}") from None
 
-    def _whole_times(self, values: NDArray) -> NDArray[np.int64]:
+    def _whole_times(self, values: NDArray) -> Integers:
         bad = ~((np.abs(values) < 2.0**53) & (np.rint(values) == values))
         if bad.any():
             row = int(np.argmax(bad))
@@ -115,7 +117,7 @@ class Converter:
             )
         return values.astype(np.int64)
 
-    def _polarity(self, values: NDArray) -> NDArray[np.bool_]:
+    def _polarity(self, values: NDArray) -> Flags:
         if values.dtype == np.bool_:
             return values
         p = self._whole(values, "p")

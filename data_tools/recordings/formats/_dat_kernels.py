@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from evcalib.kernels._jit import jit
+from evcalib.kernels.jit import jit
 
 # Fields of the state: the time last read (-1 = none yet), and what loops have added [us].
 LAST, LOOPS = range(2)

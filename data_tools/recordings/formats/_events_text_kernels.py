@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from evcalib.kernels._jit import jit
+from evcalib.kernels.jit import jit
 
 Bytes = NDArray[np.uint8]
 Ints = NDArray[np.int64]

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from data_tools.recordings.formats import Columns
 from data_tools.recordings.formats._evt import Evt3Decoder
+from evcalib.arrays import Integers
 from evcalib.errors import InputError
 
 TYPES = ("event_camera_msgs/msg/EventPacket", "event_array_msgs/msg/EventArray")
@@ -155,14 +156,14 @@ def _libcaer_cmp(message: Any) -> Columns:
     )
 
 
-def _latest(code: NDArray[Any], value: NDArray[np.int64], wanted: int) -> NDArray[np.int64]:
+def _latest(code: NDArray[Any], value: Integers, wanted: int) -> Integers:
     """Return, for every word, the value of the latest word of a code (0 before the first)."""
     place = np.where(code == wanted, np.arange(code.size), -1)
     place = np.maximum.accumulate(place) if code.size else place
     return np.where(place >= 0, value[place], 0)
 
 
-def _since(code: NDArray[Any], counted: int, start: int) -> NDArray[np.int64]:
+def _since(code: NDArray[Any], counted: int, start: int) -> Integers:
     """Return, for every word, how many words of a code precede it since the latest of another."""
     counts = np.cumsum(code == counted)
     place = np.where(code == start, np.arange(code.size), -1)

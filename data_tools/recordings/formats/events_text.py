@@ -16,14 +16,14 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from data_tools.files.archives import open_member, opened_zip
 from data_tools.files.unpack import check_ratio
 from data_tools.recordings.formats import Columns
 from data_tools.recordings.formats import _events_text_kernels as kernels
-from evcalib import _check
+from evcalib import checks
 from evcalib._event_columns import MAX_TIME_US
+from evcalib.arrays import Integers
 from evcalib.errors import InputError
 from evcalib.events import Events
 
@@ -102,7 +102,7 @@ def read_text_columns(
     counted in `losses`.
     """
     if time_unit is not None:
-        _check.one_of(time_unit, "time_unit", tuple(_POWER))
+        checks.one_of(time_unit, "time_unit", tuple(_POWER))
     sensor = Events.empty(width, height)
     if not isinstance(origin_us, int) or abs(origin_us) > 1 << 61 or block_bytes < 64:
         raise InputError("origin_us must be whole microseconds, and block_bytes at least 64")
@@ -207,9 +207,7 @@ def _unit_of(text: bytes, path: Path) -> int | None:
     return None
 
 
-def _parse(
-    text: bytes, path: Path, unit: int, limits: NDArray[np.int64], state: NDArray[np.int64]
-) -> Columns:
+def _parse(text: bytes, path: Path, unit: int, limits: Integers, state: Integers) -> Columns:
     room = len(text) // _SHORTEST_LINE + 1
     x, y = np.empty((2, room), dtype=np.uint16)
     t, p = np.empty(room, dtype=np.int64), np.empty(room, dtype=np.bool_)
@@ -221,7 +219,7 @@ def _parse(
     return Columns(x[:n].copy(), y[:n].copy(), t[:n].copy(), p[:n].copy())
 
 
-def _reason(error: int, limits: NDArray[np.int64], state: NDArray[np.int64]) -> str:
+def _reason(error: int, limits: Integers, state: Integers) -> str:
     width, height = int(limits[0]), int(limits[1])
     return {
         kernels.GARBLED: "four numbers t x y p are needed",

@@ -7,12 +7,12 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from data_tools.recordings.formats import Columns, Options, Source
 from data_tools.recordings.formats import _dat_kernels as kernels
 from data_tools.recordings.formats._blocks import read_blocks
 from data_tools.recordings.formats._prophesee_header import Header, parse_header, read_header
+from evcalib.arrays import Integers
 from evcalib.errors import InputError
 
 NAMES = ("dat",)
@@ -66,7 +66,7 @@ def _check_records(path: Path, header: Header) -> None:
         )
 
 
-def _columns(block: bytes, state: NDArray[np.int64]) -> Columns:
+def _columns(block: bytes, state: Integers) -> Columns:
     words = np.frombuffer(block, "<u4", len(block) // RECORD_BYTES * 2)
     records = words.astype(np.uint32, copy=False).reshape(-1, 2)
     x, y = np.empty((2, len(records)), np.uint16)

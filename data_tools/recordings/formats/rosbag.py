@@ -19,11 +19,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from data_tools.bags import Bag, Topic, is_bag, open_bag
 from data_tools.bags.clock_map import ClockMap, fit_clock
 from data_tools.recordings.formats import Columns, Options, Size, Source, _event_arrays, _packets
+from evcalib.arrays import Integers
 from evcalib.errors import InputError
 
 NAMES = ("rosbag",)
@@ -38,7 +38,7 @@ class _Clock:
     """The map to ROS time, and the sensor time of every packet, without EVT3's turns."""
 
     to_ros: ClockMap
-    camera_us: NDArray[np.int64]
+    camera_us: Integers
 
 
 def open(path: Path, options: Options) -> Source:
@@ -176,7 +176,7 @@ def _clock(times: list[int], stamps: list[int], encoding: str) -> _Clock:
     return _Clock(to_ros, camera[known[near.clip(0)]])
 
 
-def _unwrapped(camera: NDArray[np.int64], host: NDArray[np.int64]) -> NDArray[np.int64]:
+def _unwrapped(camera: Integers, host: Integers) -> Integers:
     """Return EVT3's times with their turns, told apart by the times of arrival."""
     ahead = np.diff(camera) - np.diff(host)
     turns = np.cumsum(np.rint(ahead / _packets.TURN).astype(np.int64))

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from data_tools.studies._engine.study import Cell
 from data_tools.studies._engine.table import Columns, read_table
-from evcalib import _check
+from evcalib import checks
 from evcalib.errors import InputError
 
 LABELS = ("group", "method", "ablation", "variant")
@@ -62,7 +62,7 @@ class StudyResult:
     def column(self, name: str) -> NDArray[Any]:
         """Return a column of the table; ``"|name|"`` gives absolute values."""
         bare = name[1:-1] if name[:1] == name[-1:] == "|" else name
-        _check.one_of(bare, "column", tuple(self.table))
+        checks.one_of(bare, "column", tuple(self.table))
         return self.table[name] if bare == name else np.abs(self.table[bare])
 
     def values(self, column: str, **where: Any) -> NDArray[Any]:

@@ -18,10 +18,9 @@ from numpy.typing import NDArray
 from data_tools.studies._engine.result import StudyResult, load_study
 from data_tools.studies._engine.run import run
 from data_tools.studies._engine.study import Cell, Study
-from evcalib import _check
+from evcalib import checks
+from evcalib.arrays import Floats
 from evcalib.errors import EvcalibError, InputError
-
-Floats = NDArray[np.float64]
 
 HEAD = "group,method,quantity,trials..."
 """First line of the file."""
@@ -56,7 +55,7 @@ def scratch_study(
     """
     names = [cell.group for cell in study.cells]
     for group in groups or ():
-        _check.one_of(group, "group", tuple(names))
+        checks.one_of(group, "group", tuple(names))
     cells = tuple(c for c in study.cells if groups is None or c.group in groups)
     with tempfile.TemporaryDirectory() as folder:
         path = run(replace(study, cells=cells), Path(folder), trials=trials, seed=seed)
@@ -223,8 +222,8 @@ def median_ratio(
     tuple of float
         The ratio, and the lower and the upper end.
     """
-    values = _check.floats(values, "values", (None,))
-    reference = _check.floats(reference, "reference", (None,))
+    values = checks.floats(values, "values", (None,))
+    reference = checks.floats(reference, "reference", (None,))
     if values.shape != reference.shape or not values.size:
         raise InputError("values and reference must be of the same trials, at least one")
     drawn = rng.integers(values.size, size=(draws, values.size))

@@ -1,0 +1,18 @@
+"""Events and images to corners, keypoints, descriptors and displacements."""
+
+from evcalib._moved import leftovers
+from evcalib.features._event_image import LAST, EventImage, EventImager, align
+from evcalib.features._keypoints import KeypointFinder, Keypoints, brief_pattern, match
+
+__all__ = [
+    "LAST",
+    "EventImage",
+    "EventImager",
+    "KeypointFinder",
+    "Keypoints",
+    "align",
+    "brief_pattern",
+    "match",
+]
+
+__getattr__ = leftovers(__name__)

@@ -1,0 +1,189 @@
+"""One heading from the pooled correspondences of a window, or the reason why there is none."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from evcalib.arrays import Flags, Integers
+from evcalib.heading._matches import Matches
+from evcalib.heading._translation import Translation
+from evcalib.heading.epipolar import five_point, turn_explains, two_point
+
+TOO_FEW = "too few corners"
+STILL = "standing still, or too little motion"
+DISAGREE = "matches disagree"
+NO_PARALLAX = "no parallax: a turn explains the matches"
+UNCERTAIN = "direction uncertain"
+NOT_NEWER = "not newer than the heading before"
+
+STILL_PX = 2.0
+"""A median displacement [px] below this over the longer spans is localisation noise."""
+
+SURVIVAL = 0.5
+"""A pair is kept if its share of inliers is at least this part of the best pair's."""
+
+SHARE = 0.3
+"""Least share of inliers; a strip of the threshold's width around random flow holds a tenth."""
+
+SHORTEN = 0.75
+"""Part of the longest span that is left where a heading is certain enough."""
+
+CELLS = 8
+"""Fewest cells that inliers come from."""
+
+_SOLVERS: dict[str, Callable[..., Translation | None]] = {
+    "two_point": two_point,
+    "five_point": five_point,
+}
+SOLVERS = tuple(_SOLVERS)
+
+
+@dataclass(frozen=True)
+class FitOptions:
+    """What `fit` needs to know: threshold, max_sd and enough_sd in radians."""
+
+    solver: str
+    threshold: float
+    min_inliers: int
+    max_sd: float
+    enough_sd: float
+    seed: int
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A heading: direction, the matches that agree over all spans, and what it was made of.
+
+    `inliers` counts the matches behind the direction, the times are theirs.
+    """
+
+    translation: Translation
+    agreeing: Flags
+    inliers: int
+    t: float
+    t_start: float
+    t_end: float
+
+
+def fit(matches: Matches, options: FitOptions) -> Fit | str:
+    """Return the heading of a window's matches, or why there is none."""
+    if len(matches) < options.min_inliers:
+        return TOO_FEW
+    longer = matches.span >= np.median(matches.span)
+    if np.median(matches.shift[longer]) < STILL_PX:
+        return STILL
+    rows = np.ones(len(matches), dtype=np.bool_)
+    if options.solver == "five_point":
+        rows = _one_pair(matches)
+    translation = _solve(matches, rows, options)
+    if translation is None:
+        return DISAGREE
+    kept = _surviving(matches.pair[rows], translation.inliers)
+    if not kept.all():
+        rows[rows] = kept
+        translation = _solve(matches, rows, options)
+        if translation is None:
+            return DISAGREE
+    reason = _objection(matches, rows, translation, options)
+    if reason:
+        return reason
+    agreeing = _spread(rows, translation.inliers)
+    rows, translation = _shortened(matches, rows, translation, options)
+    inliers = _spread(rows, translation.inliers)
+    return Fit(translation, agreeing, int(inliers.sum()), *_mean_times(matches, inliers))
+
+
+def _shortened(
+    matches: Matches, rows: Flags, translation: Translation, options: FitOptions
+) -> tuple[Flags, Translation]:
+    """Leave out the longest spans as long as the direction stays certain enough.
+
+    A heading is an average over its spans: the shorter they are, the better it follows a turn of
+    the motion.
+    """
+    while options.solver == "two_point" and translation.sd < options.enough_sd:
+        shorter = rows & (matches.span <= SHORTEN * matches.span[rows].max())
+        if shorter.sum() < options.min_inliers:
+            break
+        trial = _solve(matches, shorter, options)
+        if trial is None or trial.sd > options.enough_sd:
+            break
+        rows, translation = shorter, trial
+    return rows, translation
+
+
+def _spread(rows: Flags, values: Flags) -> Flags:
+    """Return the values of the chosen rows in their places, False elsewhere."""
+    out = np.zeros_like(rows)
+    out[rows] = values
+    return out
+
+
+def _solve(matches: Matches, rows: Flags, options: FitOptions) -> Translation | None:
+    return _SOLVERS[options.solver](
+        matches.r1[rows],
+        matches.r2[rows],
+        threshold=options.threshold,
+        seed=options.seed,
+        groups=matches.cell[rows],
+    )
+
+
+def _objection(
+    matches: Matches, rows: Flags, translation: Translation, options: FitOptions
+) -> str | None:
+    """Return what speaks against a heading that was fitted to some rows."""
+    inliers, cell, span = translation.inliers, matches.cell[rows], matches.span[rows]
+    if inliers.sum() < options.min_inliers or np.count_nonzero(np.bincount(cell[inliers])) < CELLS:
+        return TOO_FEW
+    if inliers.mean() < SHARE:
+        return DISAGREE
+    # Parallax grows with the span, and so does the evidence against a turn.
+    long = span >= np.median(span)
+    some = np.flatnonzero(rows)[long]
+    if turn_explains(
+        matches.r1[some],
+        matches.r2[some],
+        matches.t2[some] - matches.t1[some],
+        translation.select(long),
+        seed=options.seed,
+        groups=cell[long],
+    ):
+        return NO_PARALLAX
+    if not translation.sd <= options.max_sd:
+        return UNCERTAIN
+    return None
+
+
+def _surviving(pair: Integers, inliers: Flags) -> Flags:
+    """Tell which rows belong to pairs whose matches survived the time between them."""
+    number = _numbered(pair)
+    count = np.bincount(number)
+    share = np.bincount(number, inliers) / count
+    best = share[count >= min(8, count.max())].max()
+    return (share >= SURVIVAL * best)[number]
+
+
+def _one_pair(matches: Matches) -> Flags:
+    """Tell which rows belong to the longest central pair with at least half as many as the best.
+
+    Pairs about the very middle of the window keep the times of the headings apart.
+    """
+    middle = matches.middle == int(np.median(matches.middle))
+    count = np.bincount(matches.span, middle)
+    return middle & (matches.span == np.flatnonzero(count >= 0.5 * count.max())[-1])
+
+
+def _numbered(pair: Integers) -> Integers:
+    """Return the number of the run of equal values that each row is in, from 0."""
+    return np.cumsum(np.append(0, pair[1:] != pair[:-1]))
+
+
+def _mean_times(matches: Matches, rows: Flags) -> tuple[float, float, float]:
+    """Return mean time, mean start and mean end, each match weighted by its information."""
+    weight = matches.shift[rows] ** 2
+    start, end = (float(np.average(t[rows], weights=weight)) for t in (matches.t1, matches.t2))
+    return 0.5 * (start + end), start, end

@@ -1,0 +1,119 @@
+"""Keyframes in, headings out: matches pooled over windows, one direction fitted to each."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Sequence
+from typing import Generic, Protocol, TypeVar
+
+from evcalib.heading._correspondences import CorrespondenceKeeper
+from evcalib.heading._matches import Matches
+from evcalib.heading._result import Found, Gap
+from evcalib.heading._window_fit import NOT_NEWER, TOO_FEW, Fit, FitOptions, fit
+
+
+class Numbered(Protocol):
+    """What a window asks of a keyframe: its number, the time in steps."""
+
+    @property
+    def number(self) -> int: ...
+
+
+K = TypeVar("K", bound=Numbered)
+
+
+class HeadingWindows(Generic[K]):
+    """One heading per window around each keyframe, from a stream of keyframes.
+
+    Parameters
+    ----------
+    options : FitOptions
+        Of the fit.
+    steps : int
+        Longest span of a pair of keyframes.
+    step : float
+        Time between keyframes [s].
+    match : callable
+        Matches of two keyframes, the earlier first; None without any.
+    keep : bool
+        Keep the matches behind the headings.
+    on_heading : callable
+        Called with the keyframes at hand, the matches of the window and its fit.
+    """
+
+    def __init__(
+        self,
+        options: FitOptions,
+        steps: int,
+        step: float,
+        match: Callable[[K, K], Matches | None],
+        *,
+        keep: bool = False,
+        on_heading: Callable[[Sequence[K], Matches, Fit], object] = lambda *_: None,
+    ) -> None:
+        self._options, self._steps, self._step = options, steps, step
+        self._match, self._on_heading = match, on_heading
+        self._lag = steps // 2 + 1
+        self._keyframes: deque[K] = deque(maxlen=2 * self._lag + 1)
+        self._next = 0
+        self._pairs: dict[int, list[Matches]] = {}
+        self.kept = CorrespondenceKeeper() if keep else None
+        self.found: list[Found] = []
+        self.gaps: list[Gap] = []
+
+    def add(self, keyframe: K) -> None:
+        """Take in the next keyframe."""
+        if self._keyframes and keyframe.number != self._keyframes[-1].number + 1:
+            self.drain()
+        if not self._keyframes:
+            self._next = keyframe.number
+        self._keyframes.append(keyframe)
+        if keyframe.number - self._next >= self._lag:
+            self._close()
+
+    def drain(self) -> None:
+        """Close the windows that wait for keyframes that will not come."""
+        while self._keyframes and self._next <= self._keyframes[-1].number:
+            self._close()
+        self._keyframes.clear()
+        self._pairs.clear()
+
+    def _close(self) -> None:
+        """Fit the window around keyframe `_next`: pairs whose middles lie within a step of it."""
+        centre = self._next
+        self._next += 1
+        # Keyframe numbers of a pair add up to twice its middle.
+        middles = range(2 * centre - 2, 2 * centre + 3)
+        known = self._pairs
+        self._pairs = {k: known[k] if k in known else self._matches(k) for k in middles}
+        parts = [pair for k in middles for pair in self._pairs[k]]
+        t = centre * self._step
+        if not parts:
+            self.gaps.append(Gap(t, TOO_FEW))
+            return
+        matches = Matches.pooled(parts)
+        found = fit(matches, self._options)
+        if isinstance(found, Fit) and self.found and found.t <= self.found[-1].t:
+            found = NOT_NEWER
+        if isinstance(found, str):
+            self.gaps.append(Gap(t, found))
+            return
+        if self.kept is not None:
+            # Each pair belongs to the window whose middle is nearest, or just before.
+            own = matches.middle // 2 == centre
+            self.kept.add(matches[own], found.agreeing[own], len(self.found))
+        self._on_heading(self._keyframes, matches, found)
+        self.found.append(Found.of(found))
+
+    def _matches(self, middle: int) -> list[Matches]:
+        """Match all keyframe pairs whose numbers add up to `middle`, within the baselines."""
+        first = self._keyframes[0].number
+        found = []
+        for span in range(1 + (middle + 1) % 2, self._steps + 1, 2):
+            low, high = (middle - span) // 2 - first, (middle + span) // 2 - first
+            if low < 0 or high >= len(self._keyframes):
+                break
+            pair = self._match(self._keyframes[low], self._keyframes[high])
+            if pair is not None:
+                found.append(pair)
+        return found

@@ -1,0 +1,10 @@
+"""All sightings of all corners to rotation and offset at once."""
+
+from evcalib._moved import leftovers
+from evcalib.joint._model_checks import SURE
+from evcalib.joint._refine import refine_jointly
+from evcalib.joint._result import SYSTEMATIC, JointRefinement, Systematic
+
+__all__ = ["SURE", "SYSTEMATIC", "JointRefinement", "Systematic", "refine_jointly"]
+
+__getattr__ = leftovers(__name__)

@@ -1,0 +1,165 @@
+"""Rotation and offset from all sightings of all corners at once.
+
+Headings tell only which way the camera went.  A corner that is seen again and again tells more: by
+how much further it moves from one sighting to the next, up to its unknown distance.  So not only
+turns of the motion show the offset, but every change of speed.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from evcalib import checks as _check
+from evcalib.alignment.offset import candidate_offsets
+from evcalib.arrays import Floats
+from evcalib.joint import _model_checks as checks
+from evcalib.joint._offset_search import FEWEST, GATE, Search, curve_of, search_offsets
+from evcalib.joint._result import SYSTEMATIC, JointRefinement, Systematic
+from evcalib.joint._solver import Problem, covariance_of, solve
+from evcalib.joint._world_motion import jump_floor, world_motion, yaw_rate_error
+from evcalib.joint.tracks import Tracks
+from evcalib.kinematics.velocity_track import VelocityTrack
+from evcalib.series import VelocitySeries
+
+MOST = 100_000
+"""Sightings that enter the fit; more lessen the error of the corners, not that of the motion."""
+
+MOST_NEAR = 40_000
+"""Sightings that enter the search near the optimum."""
+
+WIDEST = 2.0
+"""Reach of the loss [px] at the start."""
+
+SLOWEST = 2.0
+"""Flow [px/s] below which a corner has no direction to trail along."""
+
+NEAR = np.arange(-6, 7) * 0.01
+"""Offsets [s] around the optimum at which its sharpness is measured."""
+
+
+def refine_jointly(
+    tracks: Tracks,
+    velocities: VelocitySeries,
+    track: VelocityTrack,
+    R_body_cam: Floats,
+    offset: float,
+    *,
+    focal: float,
+    estimate_offset: bool = True,
+    max_offset: float = 1.0,
+    systematic: Systematic = SYSTEMATIC,
+    lever: tuple[float, float, float] = (0.0, 0.0, 0.0),
+) -> JointRefinement | None:
+    """Refine rotation and offset on all sightings of all corners.
+
+    Each sighting has its own time, the odometry is integrated from the first sighting to it, its
+    yaw included, and the distance of each corner is solved for along with the rest.  The loss is
+    Tukey's.  Two nuisances are estimated too, with priors: how far corners trail along their flow,
+    and how far the odometry's yaw rate is off, every 50 ms anew, so that its noise does not pass
+    for motion.
+
+    Parameters
+    ----------
+    tracks : Tracks
+        From `evcalib.joint.tracks.tracks_of`.
+    velocities : VelocitySeries
+        Its yaw rate is used, where there is one.
+    track : VelocityTrack
+        The same velocities, prepared.
+    R_body_cam : ndarray, shape (3, 3)
+        Rotation to start from.
+    offset : float
+        Offset to start from, or to keep [s].
+    focal : float
+        Pixels per radian, to speak of pixels.
+    estimate_offset : bool
+        Or only the rotation, at the given offset.
+    max_offset : float
+        Offsets from -max_offset to max_offset [s] are compared, if it is estimated.
+    systematic : Systematic
+        What is known of errors that all sightings share.
+    lever : tuple of float
+        Position of the camera in the body frame [m].
+
+    Returns
+    -------
+    JointRefinement or None
+        None if there are too few tracks.
+
+    Notes
+    -----
+    The change of the flow's direction with the unknowns is left out of the derivatives: the lag is
+    a small part of a displacement.
+
+    References
+    ----------
+    The paper has no such stage.  Variable projection: Golub & Pereyra 1973; the covariance is that
+    of Newey & West 1987.
+    """
+    _check.positive(focal, "focal", "pixels per radian")
+    tracks = tracks.thinned(MOST)
+    if len(tracks) < FEWEST:
+        return None
+    problem = Problem(
+        tracks,
+        tracks.group,
+        world_motion(velocities, track),
+        lever,
+        SLOWEST / focal,
+        systematic.lag / focal,
+        systematic.lag_sd / focal,
+        float(np.hypot(yaw_rate_error(velocities, track), systematic.spin_sd)),
+    )
+    free = np.array([True, True, True, estimate_offset, True])
+    widest, search = WIDEST / focal, None
+    grid = candidate_offsets(max_offset)
+    if estimate_offset:
+        wide = search_offsets(problem, R_body_cam, grid[::4], widest)
+        if wide is None:
+            return None
+        offset = float(wide.offsets[np.nanargmin(wide.mean)])
+    fit = solve(problem, R_body_cam, offset, free, widest)
+    if fit is None:
+        return None
+    problem, fit = checks.with_turning(problem, fit, free, widest)
+    problem, fit, drift = checks.without_drift(problem, fit, free, widest)
+    covariance, samples = covariance_of(problem, fit, free)
+    covariance[:3, :3] += systematic.rotation_sd**2 * np.eye(3)
+    if estimate_offset:
+        # Under the final loss, which is far narrower, other answers stand out.
+        search = search_offsets(problem, fit.R, grid[::2], fit.reach)
+        near = search_offsets(problem, fit.R, np.asarray(fit.offset + NEAR), fit.reach, MOST_NEAR)
+        width = _width(near, search, fit.offset)
+        sd = max(float(np.sqrt(covariance[3, 3])), 0.5 * width / GATE, jump_floor(track))
+        covariance[3, 3] = sd**2 + systematic.time_sd**2
+    return JointRefinement(
+        R_body_cam=fit.R,
+        offset=fit.offset,
+        lag=fit.lag * focal,
+        lag_sd=float(np.sqrt(covariance[4, 4])) * focal,
+        covariance=covariance[:4, :4],
+        samples=samples,
+        noise=fit.noise * focal,
+        inlier_share=float(np.mean(fit.weights > 0)),
+        tracks=len(tracks),
+        sightings=int(tracks.first[-1]),
+        span=(float(tracks.start[0]), float(tracks.end.max())),
+        curve=None
+        if search is None
+        else curve_of(search, fit.offset, max_offset, fit.reach**2 / 6),
+        plausible=np.empty(0) if search is None else search.as_good(fit.offset),
+        converged=fit.converged,
+        drift=drift,
+        distortion=checks.distortion(problem, fit, free),
+        turning=problem.spin_sd,
+    )
+
+
+def _width(near: Search | None, wide: Search | None, offset: float) -> float:
+    """Return how far offsets fit as well [s], from the near search, or both if it shows no end."""
+    if near is None:
+        return 0.0
+    width = near.half_width(offset)
+    if wide is None or np.isfinite(near.reach(offset)).all():
+        return width
+    return max(width, wide.half_width(offset))

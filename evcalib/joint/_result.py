@@ -1,0 +1,100 @@
+"""What the joint refinement returns, and what it takes for granted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from evcalib.alignment.offset import OffsetCurve
+from evcalib.arrays import Floats
+from evcalib.joint._model_checks import Departure
+
+
+@dataclass(frozen=True)
+class Systematic:
+    """What all sightings of a drive share, however many they are.
+
+    Attributes
+    ----------
+    lag, lag_sd : float
+        How far corners trail their true place along their flow, and how sure that is [px].
+    time_sd : float
+        Standard deviation of what remains as a delay [s], whatever the flow.
+    rotation_sd : float
+        Standard deviation of what remains as a rotation, per axis [rad].
+    spin_sd : float
+        Standard deviation of the yaw rate that the odometry does not tell [rad/s], besides noise.
+    """
+
+    lag: float = 0.0
+    lag_sd: float = 0.1
+    time_sd: float = 0.0015
+    rotation_sd: float = float(np.radians(0.06))
+    spin_sd: float = 0.001
+
+
+SYSTEMATIC = Systematic()
+"""What simulated recordings of many scenes leave (notebook 06)."""
+
+
+@dataclass(frozen=True, eq=False)
+class JointRefinement:
+    """Rotation and offset from all tracks.
+
+    Attributes
+    ----------
+    R_body_cam : ndarray, shape (3, 3)
+        Rotation.
+    offset : float
+        ``t_body = t_cam + offset`` [s].
+    lag : float
+        How far corners trail [px].
+    lag_sd : float
+        Its standard deviation [px].
+    covariance : ndarray, shape (4, 4)
+        Of the rotation vector in the body frame [rad] and of the offset [s], the lag's uncertainty
+        and the dependence of sightings counted in.
+    samples : float
+        Stretches of motion that count as independent.
+    noise : float
+        Standard deviation of a sighting per axis [px].
+    inlier_share : float
+        Share of the sightings that the fit follows.
+    tracks, sightings : int
+        What entered.
+    span : tuple of float
+        First and last time of these [s], on the camera clock.
+    curve : OffsetCurve, optional
+        How well the tracks are met over the candidate offsets, each with its best rotation; None
+        where the offset was given.
+    plausible : ndarray, shape (k,)
+        Candidates [s] that fit as well as the best.
+    converged : bool
+        Whether the last step was small.
+    drift : Departure
+        How fast the offset grows [s/s]; `offset` holds in the middle.
+    distortion : Departure
+        By how much directions of travel differ between the streams beyond a rotation [rad], as the
+        cosine and the sine of twice their angle.
+    turning : float
+        Standard deviation of the yaw rate that the odometry does not tell [rad/s], as taken.
+    """
+
+    R_body_cam: Floats
+    offset: float
+    lag: float
+    lag_sd: float
+    covariance: Floats
+    samples: float
+    noise: float
+    inlier_share: float
+    tracks: int
+    sightings: int
+    span: tuple[float, float]
+    curve: OffsetCurve | None
+    plausible: Floats
+    converged: bool
+    drift: Departure
+    distortion: Departure
+    turning: float

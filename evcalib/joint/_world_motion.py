@@ -1,0 +1,61 @@
+"""The odometry in the world: velocity, path and yaw, and how far they may be off."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from evcalib.kernels.kinematics import velocity_track as track_kernel
+from evcalib.kinematics.velocity_track import VelocityTrack, smoothed
+from evcalib.series import VelocitySeries
+from evcalib.uncertainty import white_noise
+
+SMOOTHED = 0.2
+"""Widest half window [s] over which the odometry is smoothed, about half of a track's span."""
+
+NO_YAW_RATE = 0.005
+"""Yaw rate [rad/s] that a body may have where the odometry tells none."""
+
+JUMP = 0.25
+"""Change from one sample of the odometry to the next, as a share of the usual speed, that counts as
+sudden."""
+
+USUAL_SPAN = 0.4
+"""Usual time from the first to the last sighting of a corner [s]."""
+
+
+def world_motion(velocities: VelocitySeries, track: VelocityTrack) -> tuple[NDArray, ...]:
+    """Return time, velocity in the world, its slope and integral, yaw and segment, per sample.
+
+    The world's axes are the body's at the first sample.  Noise of the odometry roughens the loss as
+    a function of the offset, so all is smoothed a little; what a wider window takes off the peaks
+    of the velocity would pass for a rotation.
+    """
+    yaw, v = np.zeros(track.t.size), smoothed(track, track.raw, SMOOTHED)
+    if velocities.yaw_rate is not None:
+        rate = smoothed(track, velocities.yaw_rate[:, None], SMOOTHED)[:, 0]
+        yaw[1:] = np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(track.t))
+    c, s = np.cos(yaw), np.sin(yaw)
+    x, y, z = v.T
+    v = np.stack([c * x - s * y, s * x + c * y, z], axis=1)
+    slope, path = track_kernel.slopes(track.t, v), track_kernel.integrate(track.t, v, track.segment)
+    return track.t, v, slope, path, yaw, track.segment
+
+
+def jump_floor(track: VelocityTrack) -> float:
+    """Return how well the time of a sudden change of the velocity is known [s]; 0 without any.
+
+    Between two samples of the odometry it may have come at any time.
+    """
+    step = np.diff(track.t)
+    change = np.linalg.norm(np.diff(track.v, axis=0), axis=1)
+    jumps = (change > JUMP * track.moving_speed) & (np.diff(track.segment) == 0)
+    return float(step[jumps].max(initial=0.0)) / np.sqrt(12.0)
+
+
+def yaw_rate_error(velocities: VelocitySeries, track: VelocityTrack) -> float:
+    """Return the standard deviation of the mean yaw rate over a usual track [rad/s]."""
+    if velocities.yaw_rate is None:
+        return NO_YAW_RATE
+    noise = float(white_noise(velocities.yaw_rate[:, None], track.segment)[0])
+    return noise * float(np.sqrt(np.median(np.diff(velocities.t)) / USUAL_SPAN))

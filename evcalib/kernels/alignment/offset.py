@@ -1,0 +1,134 @@
+"""Correlation curves over candidate offsets."""
+
+import numpy as np
+
+from evcalib.kernels.alignment.rotation import best_rotation, tukey_pass
+from evcalib.kernels.jit import jit
+from evcalib.kernels.kinematics.velocity_track import directions
+
+
+@jit
+def profile(start, end, e, weight, offsets, track, limits, reaches):
+    """Return the robust rigid profile: at each offset, the score under its best rotation.
+
+    start, end : (n,) times of the headings; e : (3, n); weight : (n,).
+    track : (t, v, slope, path, segment) of the velocities.
+    reaches : (k,) Tukey reaches, descending: the loss is first wide, then narrow, so that each
+        candidate finds its rotation from a plain start (graduated non-convexity).
+    Returns scores (m,), weights of the usable pairs (m,), rotations (m, 3, 3).
+    """
+    t, v, slope, path, segment = track
+    m, n = offsets.size, weight.size
+    scores, totals = np.zeros(m), np.zeros(m)
+    rotations = np.zeros((m, 3, 3))
+    d, work, usable = np.empty((3, n)), np.empty((3, n)), np.empty(n)
+    for k in range(m):
+        directions(start, end, offsets[k], t, v, slope, path, segment, limits, d)
+        for i in range(n):
+            defined = d[0, i] != 0.0 or d[1, i] != 0.0 or d[2, i] != 0.0
+            usable[i] = weight[i] if defined else 0.0
+            totals[k] += usable[i]
+        R = best_rotation((d * usable) @ e.T)
+        score = 0.0
+        for reach in reaches:
+            H, score = tukey_pass(e, d, usable, R, reach, work)
+            if score > 0.0:
+                R = best_rotation(H)
+        H, score = tukey_pass(e, d, usable, R, reaches[-1], work)
+        scores[k] = score / totals[k] if totals[k] > 0.0 else 0.0
+        rotations[k] = R
+    return scores, totals, rotations
+
+
+@jit
+def moments(start, end, e, weight, offsets, track, limits):
+    """Return weighted covariances S_ee, S_oo, S_oe (m, 3, 3) and weights (m,) at each offset."""
+    t, v, slope, path, segment = track
+    m, n = offsets.size, weight.size
+    S_ee, S_oo, S_oe = np.zeros((m, 3, 3)), np.zeros((m, 3, 3)), np.zeros((m, 3, 3))
+    totals = np.zeros(m)
+    d, usable = np.empty((3, n)), np.empty(n)
+    for k in range(m):
+        directions(start, end, offsets[k], t, v, slope, path, segment, limits, d)
+        for i in range(n):
+            defined = d[0, i] != 0.0 or d[1, i] != 0.0 or d[2, i] != 0.0
+            usable[i] = weight[i] if defined else 0.0
+            totals[k] += usable[i]
+        if totals[k] <= 0.0:
+            continue
+        x, y = e.copy(), d.copy()
+        for a in range(3):
+            x[a] -= (x[a] * usable).sum() / totals[k]
+            y[a] -= (y[a] * usable).sum() / totals[k]
+        S_ee[k] = (x * usable) @ x.T / totals[k]
+        S_oo[k] = (y * usable) @ y.T / totals[k]
+        S_oe[k] = (y * usable) @ x.T / totals[k]
+    return S_ee, S_oo, S_oe, totals
+
+
+@jit
+def turning_correlation(at, rate, half, offsets, track, limits):
+    """Correlate `rate` with how far directions turn from `half` before to `half` after each time.
+
+    at, rate : (n,) times and turns; half : [s].
+    Returns the correlation (m,), 0 where it is undefined, and the number of pairs (m,).
+    """
+    t, v, slope, path, segment = track
+    m, n = offsets.size, at.size
+    score, totals = np.zeros(m), np.zeros(m)
+    before, after = np.empty((3, n)), np.empty((3, n))
+    x, y = np.empty(n), np.empty(n)
+    for k in range(m):
+        directions(at, at, offsets[k] - half, t, v, slope, path, segment, limits, before)
+        directions(at, at, offsets[k] + half, t, v, slope, path, segment, limits, after)
+        count = 0
+        for i in range(n):
+            known_before = before[0, i] != 0.0 or before[1, i] != 0.0 or before[2, i] != 0.0
+            known_after = after[0, i] != 0.0 or after[1, i] != 0.0 or after[2, i] != 0.0
+            if known_before and known_after:
+                turn = 0.0
+                for a in range(3):
+                    turn += (after[a, i] - before[a, i]) ** 2
+                x[count], y[count] = rate[i], np.sqrt(turn)
+                count += 1
+        totals[k] = count
+        if count > 2:
+            p, q = x[:count] - x[:count].mean(), y[:count] - y[:count].mean()
+            spread = np.sqrt((p * p).sum() * (q * q).sum())
+            if spread > 0.0:
+                score[k] = (p * q).sum() / spread
+    return score, totals
+
+
+@jit
+def contrast(start, end, e, weight, offsets, track, limits, rotations, reach, peak):
+    """Return mean and variance, over pairs, of the score at the peak less that at each offset.
+
+    peak : (n,) score of each pair at the peak, negative where it is not usable.
+    Returns mean (m,), variance (m,), pairs (m,) over those usable at both.
+    """
+    t, v, slope, path, segment = track
+    m, n = offsets.size, weight.size
+    mean, variance, pairs = np.zeros(m), np.zeros(m), np.zeros(m)
+    d = np.empty((3, n))
+    for k in range(m):
+        directions(start, end, offsets[k], t, v, slope, path, segment, limits, d)
+        R = rotations[k]
+        total = first = second = 0.0
+        for i in range(n):
+            undefined = d[0, i] == 0.0 and d[1, i] == 0.0 and d[2, i] == 0.0
+            if undefined or peak[i] < 0.0 or weight[i] == 0.0:
+                continue
+            fit = 0.0
+            for a in range(3):
+                fit += d[a, i] * (R[a, 0] * e[0, i] + R[a, 1] * e[1, i] + R[a, 2] * e[2, i])
+            rest = max(0.0, 1.0 - (1.0 - fit) / reach)
+            gap = peak[i] - rest * rest * rest
+            total += weight[i]
+            first += weight[i] * gap
+            second += weight[i] * gap * gap
+            pairs[k] += 1.0
+        if total > 0.0:
+            mean[k] = first / total
+            variance[k] = max(second / total - mean[k] ** 2, 0.0)
+    return mean, variance, pairs

@@ -1,0 +1,185 @@
+"""Loops of the epipolar solver for a camera that translates and does not turn.
+
+Bearings r1, r2 are unit rows of the same point before and after.  A translation along t obeys
+t . (r1 x r2) = 0; its Sampson residual [rad] is t . (r1 x r2) / sqrt(|t x r1|^2 + |t x r2|^2).
+"""
+
+import math
+
+import numpy as np
+
+from evcalib.kernels.jit import jit
+from evcalib.kernels.linalg import cross, dot, tangent_basis
+from evcalib.kernels.splitmix import draw
+
+
+@jit
+def _sampson(t, r1, r2, normal):
+    """Sampson residual [rad] of a unit translation t, and the slope that scaled it."""
+    before, after = dot(t, r1), dot(t, r2)
+    slope = math.sqrt(max(2.0 - before * before - after * after, 1e-12))
+    return dot(t, normal) / slope, after - before, slope
+
+
+@jit
+def sampson(t, r1, r2, normals, residuals, rises):
+    """Fill in residuals [rad], and by how much each cosine to t rises (it falls if t is right)."""
+    for i in range(len(r1)):
+        residuals[i], rises[i], _ = _sampson(t, r1[i], r2[i], normals[i])
+
+
+@jit
+def _truncated_cost(t, r1, r2, normals, threshold, best):
+    """MSAC cost of t; points that flow towards t count as outliers.  Stops above best."""
+    limit = threshold * threshold
+    cost = 0.0
+    for i in range(len(r1)):
+        residual, rise, _ = _sampson(t, r1[i], r2[i], normals[i])
+        cost += min(residual * residual, limit) if rise < threshold else limit
+        if cost > best:
+            break
+    return cost
+
+
+@jit
+def _needed_trials(inlier_share, confidence):
+    """Return how many samples of two hold one without outliers, with the given confidence."""
+    miss = 1.0 - inlier_share * inlier_share
+    if miss <= 1e-12:
+        return 1.0
+    return math.log(1.0 - confidence) / math.log(min(miss, 1.0 - 1e-12))
+
+
+@jit
+def two_point_ransac(r1, r2, normals, threshold, trials, seed):
+    """Return the translation of least truncated cost among those through two correspondences.
+
+    Its sign makes the points of the sample flow away from it; samples that disagree are left.
+    """
+    n = len(r1)
+    state = np.uint64(seed)
+    best = np.inf
+    found = np.zeros(3)
+    t = np.empty(3)
+    needed = np.inf
+    for trial in range(trials):
+        if trial >= needed:
+            break
+        state, i = draw(state, n)
+        state, j = draw(state, n)
+        t[0], t[1], t[2] = cross(normals[i], normals[j])
+        length = math.sqrt(dot(t, t))
+        if length < 1e-14:
+            continue
+        t /= length
+        rise_i, rise_j = dot(t, r2[i]) - dot(t, r1[i]), dot(t, r2[j]) - dot(t, r1[j])
+        if rise_i * rise_j < 0.0:
+            continue
+        if rise_i + rise_j > 0.0:
+            t *= -1.0
+        cost = _truncated_cost(t, r1, r2, normals, threshold, best)
+        if cost < best:
+            best = cost
+            found[:] = t
+            share = max(0.0, 1.0 - cost / (n * threshold * threshold))
+            needed = _needed_trials(share, 0.999)
+    return found
+
+
+@jit
+def slope_of_sampson(t, r1, r2, normal, basis):
+    """Return the residual, the rise, and the two derivatives along the tangent basis."""
+    residual, rise, slope = _sampson(t, r1, r2, normal)
+    before, after = dot(t, r1), dot(t, r2)
+    turn = residual / (slope * slope)
+    j0 = dot(basis[0], normal) / slope + turn * (
+        before * dot(basis[0], r1) + after * dot(basis[0], r2)
+    )
+    j1 = dot(basis[1], normal) / slope + turn * (
+        before * dot(basis[1], r1) + after * dot(basis[1], r2)
+    )
+    return residual, rise, j0, j1
+
+
+@jit
+def tame_leverage(t, r1, r2, normals):
+    """Return weights that bound the pull of correspondences next to t.
+
+    A correspondence pulls with its displacement over its distance from t, which for a point of
+    the scene is the inverse of its distance: a false match beside t would outweigh all others.
+    """
+    pull = np.empty(len(r1))
+    for i in range(len(r1)):
+        pull[i] = math.sqrt(dot(normals[i], normals[i])) / _sampson(t, r1[i], r2[i], normals[i])[2]
+    limit = 3.0 * np.median(pull)
+    for i in range(len(r1)):
+        pull[i] = min(1.0, limit * limit / max(pull[i] * pull[i], 1e-300))
+    return pull
+
+
+@jit
+def refine(t, r1, r2, normals, scale, steps):
+    """Refine t in place by Gauss-Newton on Tukey's loss that vanishes above 3 scale [rad].
+
+    Correspondences that flow towards t by more than the scale get no weight.
+    """
+    tame = tame_leverage(t, r1, r2, normals)
+    for _ in range(steps):
+        basis = tangent_basis(t)
+        a, b, c, u, v = 1e-18, 0.0, 1e-18, 0.0, 0.0
+        for i in range(len(r1)):
+            residual, rise, j0, j1 = slope_of_sampson(t, r1[i], r2[i], normals[i], basis)
+            ratio = residual / (3.0 * scale)
+            if abs(ratio) >= 1.0 or rise > scale:
+                continue
+            weight = tame[i] * (1.0 - ratio * ratio) ** 2
+            a += weight * j0 * j0
+            b += weight * j0 * j1
+            c += weight * j1 * j1
+            u += weight * j0 * residual
+            v += weight * j1 * residual
+        det = a * c - b * b
+        if det <= 1e-12 * a * c:
+            return
+        s0, s1 = (b * v - c * u) / det, (b * u - a * v) / det
+        length = math.sqrt(s0 * s0 + s1 * s1)
+        shrink = min(1.0, 0.1 / max(length, 1e-300))
+        for k in range(3):
+            t[k] += shrink * (s0 * basis[0, k] + s1 * basis[1, k])
+        t /= math.sqrt(dot(t, t))
+        if length < 1e-10:
+            return
+
+
+@jit
+def normal_equations(t, r1, r2, normals, scale, groups):
+    """Return the 2 x 2 information of t, and the scatter of the scores summed by group.
+
+    `groups` holds numbers from 0; weights are those of `refine`.  The information takes the mean
+    second derivative of the loss for all (Huber 1981, section 7.6), which cannot turn negative
+    through one correspondence.
+    """
+    tame = tame_leverage(t, r1, r2, normals)
+    basis = tangent_basis(t)
+    information = np.zeros((2, 2))
+    scores = np.zeros((groups.max() + 1, 2))
+    used = np.zeros(len(scores), dtype=np.bool_)
+    curve, total = 0.0, 0.0
+    for i in range(len(r1)):
+        residual, rise, j0, j1 = slope_of_sampson(t, r1[i], r2[i], normals[i], basis)
+        ratio = residual / (3.0 * scale)
+        if abs(ratio) >= 1.0 or rise > scale:
+            continue
+        keep = 1.0 - ratio * ratio
+        curve += keep * (1.0 - 5.0 * ratio * ratio)
+        total += 1.0
+        information[0, 0] += tame[i] * j0 * j0
+        information[0, 1] += tame[i] * j0 * j1
+        information[1, 1] += tame[i] * j1 * j1
+        score = tame[i] * keep * keep * residual
+        scores[groups[i], 0] += score * j0
+        scores[groups[i], 1] += score * j1
+        used[groups[i]] = True
+    information[1, 0] = information[0, 1]
+    information *= max(curve, 0.0) / max(total, 1.0)
+    return information, scores[used]

@@ -1,0 +1,133 @@
+"""Where a corner is seen again, after the body has moved and turned: values and derivatives.
+
+All is in the camera frame of the first sighting, across and along the corner's bearing then.
+"""
+
+import math
+
+from evcalib.kernels.jit import jit
+from evcalib.kernels.linalg import cross, dot
+
+NEAREST = 0.2
+"""Points that come nearer than this part of their first distance are not followed."""
+
+VALUE, BY_SPIN, FLOW = 0, 5, 6
+"""Columns of what a sighting holds: the value, derivatives by rotation (1 to 3), offset (4) and
+spin (5), and the change with time, along which the corner flows."""
+
+
+@jit
+def _about_z(angle, a):
+    """Return a turned about Z by `angle`."""
+    c, s = math.cos(angle), math.sin(angle)
+    return c * a[0] - s * a[1], s * a[0] + c * a[1], a[2]
+
+
+@jit
+def _across_z(rate, a):
+    """Return rate * Z x a."""
+    return -rate * a[1], rate * a[0], 0.0
+
+
+@jit
+def _sum(a, b):
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
+
+
+@jit
+def _minus(a, b):
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
+
+
+@jit
+def _to_camera(R, a):
+    """Return R^T a."""
+    return (
+        R[0, 0] * a[0] + R[1, 0] * a[1] + R[2, 0] * a[2],
+        R[0, 1] * a[0] + R[1, 1] * a[1] + R[2, 1] * a[2],
+        R[0, 2] * a[0] + R[1, 2] * a[1] + R[2, 2] * a[2],
+    )
+
+
+@jit
+def step_of(at, j, t):
+    """Return the step of t that `at` falls into, sought from step j on."""
+    while j > 0 and at < t[j]:
+        j -= 1
+    while j < t.size - 2 and at >= t[j + 1]:
+        j += 1
+    return j
+
+
+@jit
+def state(at, j, motion):
+    """Return position, velocity, yaw and yaw rate in the world at time `at` within step j."""
+    t, v, slope, path, yaw, _ = motion
+    u = at - t[j]
+    position = (
+        path[j, 0] + u * (v[j, 0] + 0.5 * u * slope[j, 0]),
+        path[j, 1] + u * (v[j, 1] + 0.5 * u * slope[j, 1]),
+        path[j, 2] + u * (v[j, 2] + 0.5 * u * slope[j, 2]),
+    )
+    velocity = v[j, 0] + u * slope[j, 0], v[j, 1] + u * slope[j, 1], v[j, 2] + u * slope[j, 2]
+    rate = (yaw[j + 1] - yaw[j]) / (t[j + 1] - t[j])
+    return position, velocity, yaw[j] + u * rate, rate
+
+
+@jit
+def sighting(before, after, span, ray, camera, lever, a, z, y, dy):
+    """Fill in where a corner is seen, and the displacement in the same terms.
+
+    before, after : position, velocity, yaw and yaw rate of the body, see `state`.
+    span : (time between them [s], spin [rad/s]).
+    ray : bearing at t2 in the body frame of t2.
+    camera : (R, b, e), rotation, bearing of the anchor, and axes across it.
+    a, z : (7, 2) and (7,), displacement across and along b, in columns as above.
+    y, dy : (2,) and (6, 2), the sighting and its derivatives (columns 1 to 5).
+
+    Returns whether the corner is in front.
+    """
+    R, b, e = camera
+    p1, _, yaw1, rate1 = before
+    p2, v2, yaw2, rate2 = after
+    time, spin = span
+    psi = yaw2 - yaw1 + time * spin
+    arm = _about_z(psi, lever)
+    path = _about_z(0.5 * time * spin - yaw1, _minus(p2, p1))
+    change = _sum(_about_z(-yaw1, _minus(v2, before[1])), _across_z(-rate1, path))
+    change = _sum(change, _across_z(rate2 - rate1, arm))
+    D = _sum(path, _minus(arm, lever))
+    seen_by_body = _about_z(psi, ray)
+    seen = _to_camera(R, seen_by_body)
+    depth = dot(b, seen)
+    if depth < NEAREST:
+        return False
+    y[0], y[1] = dot(e[0], seen) / depth, dot(e[1], seen) / depth
+    c, s = math.cos(psi) - 1.0, math.sin(psi)
+    none = (0.0, 0.0, 0.0)
+    moved = (
+        D,
+        (0.0, D[2], -D[1]),
+        (-D[2], 0.0, D[0]),
+        (D[1], -D[0], 0.0),
+        change,
+        _sum(_across_z(0.5 * time, path), _across_z(time, arm)),
+        _sum(_about_z(-yaw1, v2), _across_z(rate2, arm)),
+    )
+    turned = (
+        none,
+        cross((c, s, 0.0), seen_by_body),
+        cross((-s, c, 0.0), seen_by_body),
+        none,
+        _across_z(rate2 - rate1, seen_by_body),
+        _across_z(time, seen_by_body),
+        none,
+    )
+    for k in range(7):
+        d, h = _to_camera(R, moved[k]), _to_camera(R, turned[k])
+        a[k, 0], a[k, 1], z[k] = dot(e[0], d), dot(e[1], d), dot(b, d)
+        if k < 6:
+            along = dot(b, h)
+            dy[k, 0] = (dot(e[0], h) - y[0] * along) / depth
+            dy[k, 1] = (dot(e[1], h) - y[1] * along) / depth
+    return True

@@ -1,0 +1,18 @@
+"""Raw events and velocities to a calibration in one call, and its last judgement."""
+
+from evcalib._moved import leftovers
+from evcalib.pipeline._assessment import RefinedCalibration
+from evcalib.pipeline._calibrate import calibrate, calibrate_estimate
+from evcalib.pipeline._run import CalibrationRun, Gating, InputFile, Truth
+
+__all__ = [
+    "CalibrationRun",
+    "Gating",
+    "InputFile",
+    "RefinedCalibration",
+    "Truth",
+    "calibrate",
+    "calibrate_estimate",
+]
+
+__getattr__ = leftovers(__name__)

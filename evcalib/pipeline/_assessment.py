@@ -1,0 +1,218 @@
+"""The calibration after the joint refinement, judged anew."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+
+from evcalib.alignment import Calibration, one_answer, unknown_axis
+from evcalib.alignment.observability import (
+    RATE_GATE,
+    direction_spread,
+    heading_rate_test,
+    speed_test,
+)
+from evcalib.alignment.registration import Residuals, Solution
+from evcalib.alignment.verdict import Verdict, judge
+from evcalib.arrays import Floats
+from evcalib.joint import SURE, JointRefinement
+from evcalib.kinematics.velocity_track import VelocityTrack
+from evcalib.series import HeadingSeries
+from evcalib.uncertainty import UNKNOWN, rotation_radius, rotation_sd, t_quantile
+
+ENOUGH = 0.3
+"""Least share of the sightings that a refinement must follow to be believed."""
+
+TURNING = 0.02
+"""Yaw rate [rad/s], rms, that the odometry may leave untold."""
+
+
+@dataclass(frozen=True, eq=False)
+class RefinedCalibration(Calibration):
+    """A calibration after the joint refinement.
+
+    Attributes
+    ----------
+    joint : JointRefinement, optional
+        The refinement; None where there was none, or it was not believed.
+    """
+
+    joint: JointRefinement | None = None
+
+    @classmethod
+    def of(cls, aligned: Calibration, **changes: Any) -> RefinedCalibration:
+        """Return an alignment's answer with what the refinement changed."""
+        kept = {f.name: getattr(aligned, f.name) for f in fields(Calibration)}
+        return cls(**{**kept, **changes})
+
+
+def offset_observable(joint: JointRefinement, track: VelocityTrack, max_offset: float) -> bool:
+    """Tell whether the tracks determine the offset: one peak, inside the search, and sharp.
+
+    And whether the motion changes at all: among many candidates of an unchanging one, noise of the
+    odometry makes one stand out.
+    """
+    if joint.curve is None or joint.curve.at_edge or joint.inlier_share < ENOUGH:
+        return False
+    if not motion_changes(joint, track):
+        return False
+    widest = max_offset / 4
+    sharp = float(np.sqrt(joint.covariance[3, 3])) < widest
+    return sharp and one_answer(joint.plausible, joint.offset, widest)
+
+
+def motion_changes(joint: JointRefinement, track: VelocityTrack) -> bool:
+    """Tell whether speed, or the rate of turning, changes beyond the odometry's noise."""
+    part = joint.span[0] + joint.offset, joint.span[1] + joint.offset
+    return max(heading_rate_test(track, *part), speed_test(track, *part)) >= RATE_GATE
+
+
+def finish(
+    aligned: Calibration,
+    joint: JointRefinement,
+    headings: HeadingSeries,
+    track: VelocityTrack,
+    max_offset: float,
+) -> RefinedCalibration:
+    """Put a refinement that determines the offset in the place of the alignment's answer.
+
+    Parameters
+    ----------
+    aligned : Calibration
+        From `evcalib.align`.
+    joint : JointRefinement
+        From `evcalib.joint.refine_jointly`, with the offset estimated.
+    headings, track
+        What was aligned; residuals and agreement are those of the headings at the refined values.
+    max_offset : float
+        Half width of the search [s].
+    """
+    solution = Solution.at(headings.usable(), track, joint.offset, "tukey")
+    spread = direction_spread(solution.residuals.direction, track)
+    covariance = joint.covariance[:3, :3]
+    unknown = unknown_axis(covariance, spread)
+    if unknown is not None:
+        covariance = covariance + UNKNOWN * np.outer(unknown, unknown)
+    determined = unknown is None
+    sd = float(np.sqrt(joint.covariance[3, 3]))
+    half = t_quantile(joint.samples) * sd
+    interval = joint.offset - half, joint.offset + half
+    diagnostics = replace(
+        aligned.diagnostics,
+        spread=spread,
+        mixture=solution.mixture,
+        noise=solution.noise,
+        independent_headings=solution.covariance.samples,
+        second_peak_ratio=joint.curve.second_peak_ratio if joint.curve else 0.0,
+        plausible=joint.plausible,
+        # One sharp peak over the offsets is agreement enough.
+        agrees=True,
+        at_edge=False,
+        offset_matters=0.0,
+    )
+    verdict = judge(
+        diagnostics,
+        offset_observable=True,
+        rotation_observable=determined,
+        offset_sd=sd,
+        offset_interval=interval,
+        unknown_axis=unknown,
+        searched=max_offset,
+        given=aligned.settings.get("offset"),
+        used=joint.offset,
+        estimate=joint.offset,
+    )
+    return RefinedCalibration.of(
+        aligned,
+        R_body_cam=joint.R_body_cam,
+        offset=joint.offset,
+        offset_sd=sd,
+        offset_interval=interval,
+        offset_observable=True,
+        rotation_sd=rotation_sd(covariance),
+        rotation_covariance=covariance,
+        rotation_radius=rotation_radius(covariance, samples=joint.samples),
+        rotation_observable=determined,
+        unknown_axis=unknown,
+        inlier_share=solution.mixture.inliers,
+        curve=joint.curve,
+        residuals=_residuals(solution.residuals, headings, joint.R_body_cam),
+        diagnostics=diagnostics,
+        verdict=_doubted(
+            replace(verdict, reasons=(_how(joint, diagnostics.heading_rate_z), *verdict.reasons)),
+            doubts_of(joint, headings),
+        ),
+        joint=joint,
+    )
+
+
+def doubts_of(joint: JointRefinement, headings: HeadingSeries) -> tuple[str, ...]:
+    """Return what the sightings say against the model, in words."""
+    doubts = []
+    if joint.drift.z > SURE:
+        ppm, sd = 1e6 * joint.drift.values[0], 1e6 * joint.drift.sd[0]
+        half = 0.5 * float(np.ptp(headings.t))
+        doubts.append(
+            f"The clocks drift apart by {ppm:.0f} +- {sd:.0f} ppm: the offset holds in the middle"
+            f" of the drive, and is {1e3 * half * abs(1e-6 * ppm):.1f} ms off at its ends."
+        )
+    if joint.distortion.z > SURE:
+        most = np.degrees(np.hypot(*joint.distortion.values))
+        doubts.append(
+            f"Directions of travel differ by up to {most:.1f} deg between camera and odometry,"
+            " whatever the rotation: check the camera's focal length and principal point, and"
+            " whether wheels slip to one side."
+        )
+    if joint.turning > TURNING:
+        doubts.append(
+            f"The body turns by {np.degrees(joint.turning):.1f} deg/s (rms) that the odometry does"
+            " not tell."
+        )
+    return tuple(doubts)
+
+
+def _doubted(verdict: Verdict, doubts: tuple[str, ...]) -> Verdict:
+    """Return the verdict with doubts among its reasons."""
+    if not doubts:
+        return verdict
+    return replace(
+        verdict,
+        summary=f"{verdict.summary} But the data contradict the model.",
+        reasons=(*verdict.reasons, *doubts),
+        doubts=doubts,
+    )
+
+
+def keep(
+    aligned: Calibration, joint: JointRefinement, headings: HeadingSeries
+) -> RefinedCalibration:
+    """Take the rotation of a refinement at the alignment's offset; what is unknown stays so."""
+    covariance = aligned.rotation_covariance
+    if np.trace(joint.covariance[:3, :3]) > np.trace(covariance):
+        covariance = joint.covariance[:3, :3]
+    return RefinedCalibration.of(
+        aligned,
+        R_body_cam=joint.R_body_cam,
+        rotation_covariance=covariance,
+        rotation_sd=rotation_sd(covariance),
+        residuals=_residuals(aligned.residuals, headings, joint.R_body_cam),
+        joint=joint,
+    )
+
+
+def _residuals(before: Residuals, headings: HeadingSeries, R: Floats) -> Residuals:
+    """Return the residuals of the same headings under another rotation."""
+    turned = headings.v[np.isin(headings.t, before.t)] @ R.T
+    angle = 2 * np.arcsin(np.clip(0.5 * np.linalg.norm(turned - before.direction, axis=1), 0, 1))
+    return replace(before, turned=turned, angle=angle)
+
+
+def _how(joint: JointRefinement, rate_z: float) -> str:
+    shows = "the changes of speed" if rate_z < RATE_GATE else "turns and changes of speed"
+    return (
+        f"Refined on {joint.sightings} sightings of {joint.tracks} corners"
+        f" ({100 * joint.inlier_share:.0f} % followed, {joint.noise:.2f} px each): the offset shows"
+        f" in {shows}."
+    )

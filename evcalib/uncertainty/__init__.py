@@ -1,0 +1,30 @@
+"""How noise scatters, how long it remembers, and what that makes of a covariance."""
+
+from evcalib._moved import leftovers
+from evcalib.uncertainty._covariance import (
+    UNKNOWN,
+    JointCovariance,
+    joint_covariance,
+    rotation_radius,
+    rotation_sd,
+    sandwich,
+    t_quantile,
+)
+from evcalib.uncertainty._noise import NoiseModel, coloured_noise, fit_noise, robust_sd, white_noise
+
+__all__ = [
+    "UNKNOWN",
+    "JointCovariance",
+    "NoiseModel",
+    "coloured_noise",
+    "fit_noise",
+    "joint_covariance",
+    "robust_sd",
+    "rotation_radius",
+    "rotation_sd",
+    "sandwich",
+    "t_quantile",
+    "white_noise",
+]
+
+__getattr__ = leftovers(__name__)
