@@ -81,6 +81,14 @@ LEFT = {
 """Folders with the name of an old module, and where names are that are public no more."""
 
 
+RENAMED = {
+    "evcalib.alignment.offset.WIDE_REACHES": "WIDE_LOSS_SCALES",
+    "evcalib.alignment.rotation.misfits": "cosine_residuals",
+    "evcalib.alignment.rotation.tukey_reach": "tukey_scale",
+}
+"""Names that their new module has under another one."""
+
+
 class _Stand(Loader):
     """A module in the old place that looks its names up in the new ones."""
 
@@ -105,8 +113,9 @@ def _shown(home: str) -> str:
 def _look_up(old: str, homes: Sequence[str]) -> Callable[[str], Any]:
     def look_up(name: str) -> Any:
         for home in map(import_module, homes):
-            if name in vars(home):
-                return getattr(home, name)
+            new = RENAMED.get(f"{home.__name__}.{name}", name)
+            if new in vars(home):
+                return getattr(home, new)
         raise AttributeError(f"module {old!r} has no attribute {name!r}")
 
     return look_up

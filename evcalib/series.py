@@ -76,6 +76,11 @@ class VelocitySeries:
         """Length of each velocity [m/s], shape (n,)."""
         return np.linalg.norm(self.v, axis=1)
 
+    @property
+    def turning(self) -> float:
+        """Root mean square yaw rate [rad/s]; 0 where it is not known."""
+        return 0.0 if self.yaw_rate is None else float(np.sqrt(np.mean(self.yaw_rate**2)))
+
     def select(self, mask: Flags) -> VelocitySeries:
         """Return the rows where `mask` (shape (n,)) is True."""
         return VelocitySeries(self.t[mask], self.v[mask], _rows(self.yaw_rate, mask), self.frame)

@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 
 from data_tools.simulation import drives
 from data_tools.simulation.streams import Noise, simulate
-from evcalib.alignment import intervals, weights
+from evcalib.alignment import StreamPair
 from evcalib.alignment import offset as module
-from evcalib.alignment.offset import METHODS, WIDE_REACHES, candidate_offsets, find_offset
+from evcalib.alignment.offset import METHODS, WIDE_LOSS_SCALES, candidate_offsets, find_offset
 from evcalib.alignment.offset_refinement import (
     inliers_at,
     plausible_offsets,
@@ -43,10 +43,9 @@ def streams(drive=None, seed=0, *, sigma=0.0, sigma_o=0.0, offset=0.2, **more):
 
 
 def kernel_input(made, track, weight=None):
-    begin, end = intervals(made.headings)
-    w = np.ones(len(made.headings)) if weight is None else weight
-    e = np.ascontiguousarray(made.headings.v.T)
-    return (begin, end, e, w), (track.arrays, track.limits)
+    columns = StreamPair.of(made.headings, track).columns
+    columns = columns if weight is None else columns._replace(weight=weight)
+    return columns, (track.arrays, track.limits)
 
 
 # Curves against the twins -----------------------------------------------------------------------
@@ -58,9 +57,9 @@ def test_a_candidates_profile_equals_that_of_the_twin(seed, offset):
     made, track = streams(drives.s_curve(2.0, period=2.0), seed, sigma=0.1, outliers=0.2)
     weight = np.random.default_rng(seed).uniform(0.5, 2, len(made.headings))
     data, sampled = kernel_input(made, track, weight)
-    score, total, R = kernel.profile(*data, np.array([offset]), *sampled, WIDE_REACHES)
-    d = track.directions(*data[:2], offset)
-    expected = naive.profile(made.headings.v, d, weight, WIDE_REACHES)
+    score, total, R = kernel.profile(data, np.array([offset]), *sampled, WIDE_LOSS_SCALES)
+    d = track.directions(data.start, data.end, offset)
+    expected = naive.profile(made.headings.v, d, weight, WIDE_LOSS_SCALES)
     assert score[0] == pytest.approx(expected[0], rel=1e-9)
     assert total[0] == pytest.approx(expected[1])
     assert rotation_angle(R[0], expected[2]) < 1e-6
@@ -71,7 +70,7 @@ def test_a_candidates_profile_equals_that_of_the_twin(seed, offset):
 def test_the_profiles_rotations_are_never_reflections(seed):
     made, track = streams(drives.s_curve(2.0), seed, sigma=0.5)
     data, sampled = kernel_input(made, track)
-    _, _, R = kernel.profile(*data, candidate_offsets(2.5, 0.1), *sampled, WIDE_REACHES)
+    _, _, R = kernel.profile(data, candidate_offsets(2.5, 0.1), *sampled, WIDE_LOSS_SCALES)
     np.testing.assert_allclose(np.linalg.det(R), 1, atol=1e-12)
 
 
@@ -79,8 +78,8 @@ def test_moments_are_numpys_weighted_covariances():
     made, track = streams(sigma=0.1)
     weight = np.random.default_rng(0).uniform(0.5, 2, len(made.headings))
     data, sampled = kernel_input(made, track, weight)
-    S_ee, S_oo, S_oe, total = kernel.moments(*data, np.array([0.4]), *sampled)
-    d = track.directions(*data[:2], 0.4)
+    S_ee, S_oo, S_oe, total = kernel.moments(data, np.array([0.4]), *sampled)
+    d = track.directions(data.start, data.end, 0.4)
     known = np.any(d != 0, axis=1)
     both = np.hstack([made.headings.v, d])[known]
     expected = np.cov(both.T, aweights=weight[known], bias=True)
@@ -101,7 +100,7 @@ def test_contrasts_are_means_and_variances_of_score_differences():
     both = (at_peak >= 0) & (at_other >= 0) & (weight > 0)
     gap = (at_peak - at_other)[both]
     args = (np.array([0.5]), *sampled, R[None], reach, at_peak)
-    mean, variance, pairs = kernel.contrast(*data, *args)
+    mean, variance, pairs = kernel.contrast(data, *args)
     expected = np.average(gap, weights=weight[both])
     assert mean[0] == pytest.approx(expected)
     assert variance[0] == pytest.approx(np.average((gap - expected) ** 2, weights=weight[both]))
@@ -110,9 +109,9 @@ def test_contrasts_are_means_and_variances_of_score_differences():
 
 def naive_scores(made, track, offset, R, reach):
     """Return each heading's Tukey score, -1 where it is not covered."""
-    d = track.directions(*intervals(made.headings), offset)
+    d, known = StreamPair.of(made.headings, track).directions(offset)
     rest = np.maximum(0, 1 - (1 - np.sum(d * (made.headings.v @ R.T), axis=1)) / reach)
-    return np.where(np.any(d != 0, axis=1), rest**3, -1.0)
+    return np.where(known, rest**3, -1.0)
 
 
 # Closed forms -----------------------------------------------------------------------------------
@@ -138,7 +137,7 @@ def test_the_trace_is_the_root_mean_square_of_the_canonical_correlations():
     part = made.headings.select(np.abs(made.headings.t - 5) < 3)
     zero = find_offset(part, track, method="trace", max_offset=0.05)
     first = find_offset(part, track, method="canonical", max_offset=0.05)
-    d = track.directions(*intervals(part), 0.0)[:, :2]
+    d = StreamPair.of(part, track).directions(0.0)[0][:, :2]
     # Principal angles between the column spaces of the two centred data matrices.
     q_e, q_d = (np.linalg.qr(x - x.mean(axis=0))[0] for x in (part.v, d))
     rho = np.linalg.svd(q_e.T @ q_d, compute_uv=False)
@@ -224,9 +223,7 @@ def test_headings_over_intervals_are_compared_with_mean_velocities():
 def test_the_overlap_is_the_share_that_the_odometry_covers():
     made, track = streams(drives.s_curve(4.0), offset=0.0)
     wide = candidate_offsets(3.0, 0.5)
-    _, total, _ = kernel.profile(
-        *kernel_input(made, track)[0], wide, *kernel_input(made, track)[1], WIDE_REACHES
-    )
+    _, total, _ = StreamPair.of(made.headings, track).profile(wide, WIDE_LOSS_SCALES)
     expected = [
         np.sum((made.headings.t + x >= track.t[0]) & (made.headings.t + x <= track.t[-1]))
         for x in wide
@@ -341,6 +338,11 @@ def test_a_periodic_drive_has_a_second_peak_as_high_as_the_first():
 
 def test_weights_are_as_given_or_from_the_standard_deviations_and_one_on_average():
     t, v = np.arange(3.0), np.tile([1.0, 0, 0], (3, 1))
+    _, track = streams()
+
+    def weights(headings):
+        return StreamPair.of(headings, track).weight
+
     np.testing.assert_array_equal(weights(HeadingSeries(t, v)), 1)
     np.testing.assert_array_equal(weights(HeadingSeries(t, v, sd=np.zeros(3))), 1)
     from_sd = weights(HeadingSeries(t, v, sd=[0.1, 0.1, 0.3]))

@@ -16,11 +16,11 @@ from scipy.spatial.transform import Rotation
 from evcalib.alignment.rotation import (
     METHODS,
     Mixture,
+    cosine_residuals,
     estimate_rotation,
     fit_mixture,
     kabsch,
-    misfits,
-    tukey_reach,
+    tukey_scale,
 )
 from evcalib.errors import InputError
 from evcalib.geometry import random_rotation, rotation_angle, rotation_vector_to_matrix, unit
@@ -116,15 +116,17 @@ def test_a_tukey_pass_equals_that_of_the_twin(seed, reach):
     np.testing.assert_allclose(H, (d * weights[:, None]).T @ e, atol=1e-12)
 
 
-def test_misfits_are_one_minus_the_cosine():
+def test_residuals_are_one_minus_the_cosine():
     e, d, R, _ = pairs(0, sigma=1.0)
-    np.testing.assert_allclose(misfits(e, d, R), 1 - np.sum(d * (e @ R.T), axis=1), atol=1e-15)
-    assert misfits(d @ R, d, R).max() < 1e-30
+    np.testing.assert_allclose(
+        cosine_residuals(e, d, R), 1 - np.sum(d * (e @ R.T), axis=1), atol=1e-15
+    )
+    assert cosine_residuals(d @ R, d, R).max() < 1e-30
 
 
 def test_tukeys_reach_keeps_95_percent_efficiency_in_two_dimensions():
     """Efficiency of a location estimate in the plane: E[psi']^2 / E[psi^2], by quadrature."""
-    reach = tukey_reach(1.0)
+    reach = tukey_scale(1.0)
     u = np.linspace(0, reach, 100_001)
     density = np.exp(-u)  # half the square of a normal pair's length is exponential
     rest = 1 - u / reach
@@ -154,7 +156,7 @@ def test_tukeys_rotation_is_a_fixed_point_of_its_weights():
     again = kabsch(e, d, found.weight)
     assert rotation_angle(found.R_body_cam, again) < 1e-9
     start = estimate_rotation(e, d, method="l1").R_body_cam
-    reach = tukey_reach(fit_mixture(misfits(e, d, start)).sigma)
+    reach = tukey_scale(fit_mixture(cosine_residuals(e, d, start)).sigma)
     expected, _ = naive.tukey(e, d, np.ones(200), again, reach)
     np.testing.assert_allclose(found.weight, expected, atol=1e-8)
 
@@ -165,7 +167,7 @@ def test_gnc_ends_with_weights_of_zero_for_outliers_and_one_for_inliers():
     found = estimate_rotation(e, d, method="gnc")
     assert found.converged
     assert set(np.unique(found.weight)) == {0.0, 1.0}
-    apart = np.sqrt(2 * misfits(e, d, found.R_body_cam))
+    apart = np.sqrt(2 * cosine_residuals(e, d, found.R_body_cam))
     assert apart[found.weight == 1].max() < apart[found.weight == 0].min()
     # Three standard deviations in the plane keep 1 - exp(-9 / 2) of the inliers.
     assert found.weight[80:].mean() > 0.95
@@ -228,10 +230,10 @@ def test_a_weight_of_zero_is_no_pair(method):
 # Noise of directions ----------------------------------------------------------------------------
 
 
-def test_misfits_of_small_noise_are_exponential():
+def test_residuals_of_small_noise_are_exponential():
     """Fisher's distribution: u / sigma^2 is exponential, so the angle is Rayleigh."""
     e, d, R, _ = pairs(0, n=5000, sigma=0.05)
-    u = misfits(e, d, R) / 0.05**2
+    u = cosine_residuals(e, d, R) / 0.05**2
     assert stats.kstest(u, "expon").pvalue > 0.01
     assert stats.kstest(np.sqrt(2 * u), "rayleigh").pvalue > 0.01
 

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from data_tools.simulation import drives
 from data_tools.simulation.streams import Noise, simulate
-from evcalib.alignment import intervals
+from evcalib.alignment import StreamPair
 from evcalib.errors import InputError
 from evcalib.kernels.kinematics import velocity_track as kernel
 from evcalib.kinematics.velocity_track import SMOOTHING, SMOOTHING_GATE, rebuilt, velocity_track
@@ -267,8 +267,9 @@ def test_a_parabola_has_no_noise():
 
 def test_headings_without_intervals_stand_for_instants():
     headings = HeadingSeries([0.0, 1.0], [EAST, EAST])
-    start, end = intervals(headings)
-    np.testing.assert_array_equal(start, end)
+    track = velocity_track(VelocitySeries([0.0, 1.0], [EAST, EAST]))
+    columns = StreamPair.of(headings, track).columns
+    np.testing.assert_array_equal(columns.start, columns.end)
 
 
 def test_intervals_may_come_in_any_order():

@@ -9,6 +9,7 @@ from scipy import stats
 
 from data_tools.simulation import drives
 from data_tools.simulation.streams import Noise, simulate
+from evcalib.alignment import StreamPair
 from evcalib.alignment._bootstrap import bootstrap
 from evcalib.alignment.offset_refinement import refine_offset
 from evcalib.kernels.uncertainty import noise as kernel
@@ -270,7 +271,8 @@ def bootstrapped(seed, drive=None, noise=None):
     track = velocity_track(made.velocities)
     refined = refine_offset(made.headings, track, 0.1)
     model = noise or NoiseModel(0.0, 1.0)
-    return bootstrap(made.headings, track, refined, model, np.random.default_rng(seed)), refined
+    pair = StreamPair.of(made.headings, track)
+    return bootstrap(pair, refined, model, np.random.default_rng(seed)), refined
 
 
 def test_the_bootstrap_agrees_with_the_cramer_rao_bound_on_a_smooth_curve():
@@ -302,5 +304,6 @@ def test_one_block_of_headings_is_not_resampled_into_nothing():
     track = velocity_track(made.velocities)
     part = made.headings.select(np.abs(made.headings.t - 4) < 1)
     assert isinstance(part, HeadingSeries)
-    joint = bootstrap(part, track, refine_offset(part, track, 0.0), NoiseModel(0.9, 5.0), rng)
+    refined = refine_offset(part, track, 0.0)
+    joint = bootstrap(StreamPair.of(part, track), refined, NoiseModel(0.9, 5.0), rng)
     assert np.isfinite(joint).all()

@@ -23,6 +23,7 @@ from data_tools.studies.sightings import Corners
 from evcalib.alignment import Calibration, align
 from evcalib.camera import Camera
 from evcalib.geometry import random_rotation
+from evcalib.pipeline import RefinedCalibration
 from evcalib.series import HeadingSeries
 
 STORED = Path(__file__).with_suffix(".json")
@@ -43,7 +44,7 @@ def streams(drive: Drive, seed: int, **noise: Any) -> SyntheticStreams:
 
 def aligned(drive: Drive, seed: int = 1, noise: Any = None, **options: Any) -> Calibration:
     made = streams(drive, seed, **(noise or {}))
-    return align(made.headings, made.velocities, **options)
+    return RefinedCalibration.after(align(made.headings, made.velocities, **options))
 
 
 def with_intervals() -> Calibration:
@@ -52,7 +53,7 @@ def with_intervals() -> Calibration:
     t, rng = made.headings.t, np.random.default_rng(7)
     sd = rng.uniform(0.01, 0.06, t.size)
     told = HeadingSeries(t, made.headings.v, t_start=t - 0.1, t_end=t + 0.15, sd=sd)
-    return align(told, made.velocities, max_offset=0.5)
+    return RefinedCalibration.after(align(told, made.velocities, max_offset=0.5))
 
 
 def refined(kind: str, seed: int, corners: Corners, **options: Any) -> Calibration:

@@ -17,6 +17,7 @@ from scipy.interpolate import CubicSpline, PchipInterpolator
 
 from data_tools.simulation.random_drives import noise, streams
 from data_tools.studies._engine.study import Cell, Row, Study
+from evcalib.alignment import StreamPair
 from evcalib.alignment.offset import find_offset
 from evcalib.alignment.offset_refinement import inliers_at, refine_offset
 from evcalib.alignment.registration import Solution
@@ -130,7 +131,7 @@ def estimate(
                 offset = float(curve.offsets[curve.peak])
         else:
             offset = inliers_at(headings, track, offset).offset
-    return offset, Solution.at(headings, track, offset, choices.loss).R
+    return offset, Solution.at(StreamPair.of(headings, track), offset, choices.loss).R
 
 
 def track_of(velocities: VelocitySeries, choices: Choices) -> VelocityTrack:

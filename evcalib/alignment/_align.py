@@ -2,36 +2,33 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from evcalib import checks
+from evcalib.alignment._answers import OffsetAnswer, RotationAnswer
 from evcalib.alignment._bootstrap import bootstrap, sampling_floor
-from evcalib.alignment._evidence import _Evidence, _near, _offset_interval, _weigh, unknown_axis
+from evcalib.alignment._evidence import Evidence, unknown_axis
 from evcalib.alignment._result import Calibration
-from evcalib.alignment.observability import (
-    DirectionSpread,
-    direction_spread,
-)
+from evcalib.alignment._stream_pair import StreamPair, enough
+from evcalib.alignment.observability import DirectionSpread, direction_spread
 from evcalib.alignment.offset import METHODS as OFFSET_METHODS
 from evcalib.alignment.offset import OffsetCurve, find_offset
-from evcalib.alignment.offset_refinement import (
-    RefinedOffset,
-    inliers_at,
-    refine_offset,
-)
-from evcalib.alignment.registration import MIN_PAIRS, Solution, rotation_change
+from evcalib.alignment.offset_refinement import RefinedOffset, inliers_at, refine_offset
+from evcalib.alignment.registration import Solution, rotation_change
 from evcalib.alignment.rotation import METHODS as ROTATION_METHODS
-from evcalib.alignment.verdict import Diagnostics, judge
-from evcalib.arrays import Floats
+from evcalib.alignment.verdict import Diagnostics
 from evcalib.errors import InputError
-from evcalib.kinematics.velocity_track import VelocityTrack, velocity_track
+from evcalib.kinematics.velocity_track import velocity_track
 from evcalib.series import HeadingSeries, VelocitySeries
-from evcalib.uncertainty import UNKNOWN, rotation_radius, rotation_sd
+from evcalib.uncertainty import UNKNOWN
 
-MAX_CHANGE = np.radians(5.0)
-"""A change of the rotation over the plausible offsets beyond this [rad] always matters."""
+LEAST_CHANGE, MAX_CHANGE = np.radians(1.0), np.radians(5.0)
+"""A change of the rotation over the plausible offsets below the first never matters, beyond the
+second always; in between it is compared with the rotation's standard deviation.  A choice: real
+headings share errors of about the first (`HEADING_BIAS`)."""
 
 
 def align(
@@ -96,162 +93,121 @@ def align(
     >>> found.offset_observable, round(found.offset, 2)
     (True, 0.2)
     """
-    checks.one_of(offset_method, "offset_method", OFFSET_METHODS)
-    checks.one_of(rotation_method, "rotation_method", ROTATION_METHODS)
-    checks.positive(max_offset, "max_offset", "seconds")
-    if offset is not None and not np.isfinite(offset):
-        raise InputError(f"offset must be a finite number of seconds, not {offset!r}")
-    if int(seed) < 0:
-        raise InputError(f"seed must not be negative, not {seed}")
-    offset = None if offset is None else float(offset)
+    given = None if offset is None else float(offset)
     settings = {
-        "max_offset": float(max_offset),
+        "max_offset": max_offset,
         "offset_method": offset_method,
         "rotation_method": rotation_method,
-        "offset": offset,
+        "offset": given,
         "max_gap": max_gap,
         "min_speed": min_speed,
         "hold": hold,
         "smooth": smooth,
-        "seed": int(seed),
+        "seed": seed,
     }
-    headings = headings.usable()
-    if len(headings) < MIN_PAIRS:
-        raise InputError(
-            f"headings: {len(headings)} usable row(s), at least {MIN_PAIRS} are needed"
-        )
+    _check(settings)
+    settings |= {"max_offset": float(max_offset), "seed": int(seed)}
+    headings = enough(headings)
     track = velocity_track(
         velocities, max_gap=max_gap, min_speed=min_speed, hold=hold, smooth=smooth
     )
-    curve, refined = _search(headings, track, offset_method, max_offset, offset or 0.0)
-    found = Solution.at(headings, track, refined.offset, rotation_method)
-    evidence = _weigh(headings, track, curve, refined, found, max_offset)
+    pair = StreamPair.of(headings, track)
+    curve, refined = _search(pair, offset_method, max_offset, given or 0.0)
+    found = Solution.at(pair, refined.offset, rotation_method)
+    evidence = Evidence.of(pair, curve, refined, found, max_offset)
     solution, used = found, refined.offset
     if not evidence.observable:
-        solution, used = _fall_back(headings, track, found, refined, rotation_method, offset)
-    answer = _answer(headings, track, solution, used, evidence, offset)
+        solution, used = _fall_back(pair, found, refined, rotation_method, given)
+    spread = direction_spread(solution.residuals.direction, track)
+    matters = 0.0
+    if not evidence.observable:
+        matters = rotation_change(pair, solution, evidence.plausible)
+    rotation = _rotation(solution, used, evidence, spread, matters, given)
+    sd = evidence.sd
     if evidence.observable and evidence.sharp_turns:
-        rng = np.random.default_rng(seed)
-        joint = bootstrap(headings, track, refined, solution.noise, rng)
-        # At a smooth peak the plausible offsets reach as far as four standard deviations.
-        reach = float(np.abs(evidence.plausible - evidence.offset).max(initial=0.0))
-        answer.at_least(joint, max(sampling_floor(headings, track), 0.25 * reach))
-
-    interval = _offset_interval(evidence, answer.offset_sd, solution.covariance.samples, max_offset)
+        rotation, sd = _bootstrapped(pair, refined, solution, evidence, rotation, seed)
+    interval = evidence.interval(sd, solution.covariance.samples, max_offset)
     if not evidence.observable:
         # Nothing is known beyond the search.
-        sd = max(answer.offset_sd, (interval[1] - interval[0]) / np.sqrt(12))
-        answer.offset_sd = min(sd, max_offset)
+        sd = min(max(sd, (interval[1] - interval[0]) / np.sqrt(12)), max_offset)
     diagnostics = Diagnostics(
         heading_rate_z=evidence.heading_rate_z,
         follows_z=evidence.follows_z,
-        spread=answer.spread,
+        spread=spread,
         mixture=solution.mixture,
         noise=solution.noise,
         independent_headings=solution.covariance.samples,
         second_peak_ratio=0.0 if curve is None else curve.second_peak_ratio,
         plausible=evidence.plausible,
-        offset_matters=answer.offset_matters,
+        offset_matters=matters,
         offset_sensitivity=float(np.linalg.norm(solution.covariance.offset_sensitivity)),
         agrees=solution.agrees,
-        body_turns=_body_turns(velocities),
+        body_turns=velocities.turning,
         at_edge=evidence.at_edge,
         sharp_turns=evidence.sharp_turns,
     )
-    verdict = judge(
-        diagnostics,
-        offset_observable=evidence.observable,
-        rotation_observable=answer.determined,
-        offset_sd=evidence.offset_sd,
-        offset_interval=interval,
-        unknown_axis=answer.unknown_axis,
-        searched=None if curve is None else max_offset,
-        given=offset,
+    answer = OffsetAnswer(
         used=used,
         estimate=refined.offset,
+        sd=sd,
+        interval=interval,
+        observable=evidence.observable,
+        fit_sd=evidence.sd,
+        searched=None if curve is None else max_offset,
+        given=given,
     )
-    return Calibration(
-        R_body_cam=solution.R,
-        offset=used,
-        offset_sd=answer.offset_sd,
-        offset_interval=interval,
-        offset_observable=evidence.observable,
-        rotation_sd=rotation_sd(answer.covariance),
-        rotation_covariance=answer.covariance,
-        rotation_radius=rotation_radius(answer.covariance, samples=solution.covariance.samples),
-        rotation_observable=answer.determined,
-        unknown_axis=answer.unknown_axis,
-        inlier_share=solution.mixture.inliers,
-        curve=curve,
-        residuals=solution.residuals,
-        diagnostics=diagnostics,
-        verdict=verdict,
-        settings=settings,
+    return Calibration.of(
+        answer, rotation, diagnostics, solution.residuals, curve=curve, settings=settings
     )
+
+
+def _check(settings: dict[str, Any]) -> None:
+    checks.one_of(settings["offset_method"], "offset_method", OFFSET_METHODS)
+    checks.one_of(settings["rotation_method"], "rotation_method", ROTATION_METHODS)
+    checks.positive(settings["max_offset"], "max_offset", "seconds")
+    if settings["offset"] is not None and not np.isfinite(settings["offset"]):
+        raise InputError(f"offset must be a finite number of seconds, not {settings['offset']!r}")
+    if int(settings["seed"]) < 0:
+        raise InputError(f"seed must not be negative, not {settings['seed']}")
 
 
 def _search(
-    headings: HeadingSeries, track: VelocityTrack, method: str, max_offset: float, given: float
+    pair: StreamPair, method: str, max_offset: float, given: float
 ) -> tuple[OffsetCurve | None, RefinedOffset]:
+    streams = pair.headings, pair.track
     if method == "none":
-        return None, inliers_at(headings, track, given)
-    curve = find_offset(headings, track, max_offset=max_offset, method=method)
+        return None, inliers_at(*streams, given)
+    curve = find_offset(*streams, max_offset=max_offset, method=method)
     if method == "profile":
-        return curve, refine_offset(headings, track, curve.offset)
-    return curve, inliers_at(headings, track, curve.offset)
+        return curve, refine_offset(*streams, curve.offset)
+    return curve, inliers_at(*streams, curve.offset)
 
 
 def _fall_back(
-    headings: HeadingSeries,
-    track: VelocityTrack,
-    found: Solution,
-    refined: RefinedOffset,
-    method: str,
-    given: float | None,
+    pair: StreamPair, found: Solution, refined: RefinedOffset, method: str, given: float | None
 ) -> tuple[Solution, float]:
     """Return the solution at the given offset, or at 0, or at the best where 0 has no overlap."""
     try:
-        return Solution.at(headings, track, given or 0.0, method), given or 0.0
+        return Solution.at(pair, given or 0.0, method), given or 0.0
     except InputError:
         if given is not None:
             raise
         return found, refined.offset
 
 
-@dataclass(eq=False)
-class _Answer:
-    """How sure rotation and offset are."""
-
-    covariance: Floats
-    offset_sd: float
-    offset_matters: float
-    spread: DirectionSpread
-    unknown_axis: Floats | None
-    determined: bool
-
-    def at_least(self, joint: Floats, offset_sd: float) -> None:
-        """Raise the variances to those of a joint covariance (4, 4) and an offset's sd [s]."""
-        self.offset_sd = max(self.offset_sd, float(np.sqrt(joint[3, 3])), offset_sd)
-        if np.trace(joint[:3, :3]) > np.trace(self.covariance):
-            self.covariance = joint[:3, :3]
-
-
-def _answer(
-    headings: HeadingSeries,
-    track: VelocityTrack,
+def _rotation(
     solution: Solution,
     used: float,
-    evidence: _Evidence,
+    evidence: Evidence,
+    spread: DirectionSpread,
+    matters: float,
     given: float | None,
-) -> _Answer:
+) -> RotationAnswer:
+    """Say how sure the rotation is, if the plausible offsets change it by up to `matters` [rad]."""
     covariance = solution.rotation_covariance(evidence.observable)
-    matters = 0.0
-    if not evidence.observable:
-        matters = rotation_change(track, headings, solution, evidence.plausible)
-    fixed = matters <= np.clip(np.sqrt(np.trace(covariance)), np.radians(1.0), MAX_CHANGE)
+    fixed = matters <= np.clip(np.sqrt(np.trace(covariance)), LEAST_CHANGE, MAX_CHANGE)
     # Plausible offsets that are all far from the one that is used speak against it.
-    fixed = fixed and _near(used, evidence.plausible)
-    spread = direction_spread(solution.residuals.direction, track)
+    fixed = fixed and evidence.allows(used)
     unknown = unknown_axis(covariance, spread)
     if not evidence.observable and given is None:
         # The change over the plausible offsets is a uniform error of its own.
@@ -259,12 +215,29 @@ def _answer(
     if unknown is not None:
         covariance = covariance + UNKNOWN * np.outer(unknown, unknown)
     told = evidence.observable or bool(fixed) or given is not None
-    determined = unknown is None and told and solution.agrees
-    return _Answer(covariance, evidence.offset_sd, matters, spread, unknown, determined)
+    return RotationAnswer(
+        R_body_cam=solution.R,
+        covariance=covariance,
+        samples=solution.covariance.samples,
+        unknown_axis=unknown,
+        determined=unknown is None and told and solution.agrees,
+    )
 
 
-def _body_turns(velocities: VelocitySeries) -> float:
-    """Return the root mean square yaw rate [rad/s], 0 where it is not known."""
-    if velocities.yaw_rate is None:
-        return 0.0
-    return float(np.sqrt(np.mean(velocities.yaw_rate**2)))
+def _bootstrapped(
+    pair: StreamPair,
+    refined: RefinedOffset,
+    solution: Solution,
+    evidence: Evidence,
+    rotation: RotationAnswer,
+    seed: int,
+) -> tuple[RotationAnswer, float]:
+    """Raise the variances, and the offset's standard deviation [s], to those of a bootstrap."""
+    joint = bootstrap(pair, refined, solution.noise, np.random.default_rng(seed))
+    # At a smooth peak the plausible offsets reach as far as four standard deviations.
+    farthest = float(np.abs(evidence.plausible - evidence.offset).max(initial=0.0))
+    floor = max(sampling_floor(pair), 0.25 * farthest)
+    sd = max(evidence.sd, float(np.sqrt(joint[3, 3])), floor)
+    if np.trace(joint[:3, :3]) > np.trace(rotation.covariance):
+        rotation = replace(rotation, covariance=joint[:3, :3])
+    return rotation, sd

@@ -8,13 +8,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from evcalib.alignment._stream_pair import intervals, weights
+from evcalib.alignment._stream_pair import StreamPair
 from evcalib.alignment.offset_refinement import RefinedOffset
-from evcalib.alignment.rotation import tukey_reach
+from evcalib.alignment.rotation import tukey_scale
 from evcalib.arrays import Floats
-from evcalib.kernels.alignment import offset as kernel
-from evcalib.kinematics.velocity_track import VelocityTrack
-from evcalib.series import HeadingSeries, bins
+from evcalib.series import bins
 from evcalib.uncertainty import NoiseModel
 
 DRAWS = 200
@@ -25,54 +23,38 @@ WINDOW = 0.15
 
 
 def bootstrap(
-    headings: HeadingSeries,
-    track: VelocityTrack,
-    refined: RefinedOffset,
-    noise: NoiseModel,
-    rng: np.random.Generator,
+    pair: StreamPair, refined: RefinedOffset, noise: NoiseModel, rng: np.random.Generator
 ) -> Floats:
     """Return the covariance (4, 4) of rotation vector (body frame) [rad] and offset [s].
 
     Blocks of neighbouring headings, longer than the memory of the noise, are drawn with
     replacement, and offset and rotation are searched anew in each draw.
     """
-    begin, end = intervals(headings)
-    weight = weights(headings)
+    t = pair.headings.t
     steps = np.linspace(-WINDOW, WINDOW, 31)
-    reach = min(tukey_reach(refined.mixture.sigma), 0.5)
-    reaches = np.array([0.5, reach, reach])
+    scale = min(tukey_scale(refined.mixture.sigma), 0.5)
     memory = 4 * noise.memory if noise.share > 0.1 else 0.0
-    length = max(0.5, min(memory, float(np.ptp(headings.t)) / 10))
-    block = bins(headings.t - headings.t[0], length)
-    _, block = np.unique(block, return_inverse=True)
+    length = max(0.5, min(memory, float(np.ptp(t)) / 10))
+    block = np.unique(bins(t - t[0], length), return_inverse=True)[1]
     count = int(block.max()) + 1
     errors = np.empty((DRAWS, 4))
     for draw in range(DRAWS):
-        times = np.bincount(rng.integers(count, size=count), minlength=count)
-        drawn = times[block] > 0
-        score, _, rotations = kernel.profile(
-            begin[drawn],
-            end[drawn],
-            np.ascontiguousarray(headings.v[drawn].T),
-            (weight * times[block])[drawn],
-            refined.offset + steps,
-            track.arrays,
-            track.limits,
-            reaches,
-        )
+        times = np.bincount(rng.integers(count, size=count), minlength=count)[block]
+        drawn = pair.drawn(times)
+        score, _, rotations = drawn.profile(refined.offset + steps, np.array([0.5, scale, scale]))
         errors[draw, 3] = _vertex(steps, score, int(np.argmax(score)))
         nearest = int(np.argmin(np.abs(steps - errors[draw, 3])))
         errors[draw, :3] = _rotation_vector(rotations[nearest] @ refined.R_body_cam.T)
     return np.cov(errors.T)
 
 
-def sampling_floor(headings: HeadingSeries, track: VelocityTrack) -> float:
+def sampling_floor(pair: StreamPair) -> float:
     """Return the least standard deviation [s] of an offset that rests on instant turns.
 
     No resample shows where a turn lies between two samples, and turns in step with a clock all lie
     at the same place: a uniform error of one step of each stream remains, however many turns.
     """
-    steps = np.median(np.diff(headings.t)), np.median(np.diff(track.t))
+    steps = np.median(np.diff(pair.headings.t)), np.median(np.diff(pair.track.t))
     return float(np.hypot(*steps) / np.sqrt(12))
 
 

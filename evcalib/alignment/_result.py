@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Self
 
+from evcalib.alignment._answers import OffsetAnswer, RotationAnswer
 from evcalib.alignment.offset import OffsetCurve
 from evcalib.alignment.registration import Residuals
-from evcalib.alignment.verdict import Diagnostics, Verdict
+from evcalib.alignment.verdict import Diagnostics, Verdict, judge
 from evcalib.arrays import Floats
+from evcalib.uncertainty import rotation_sd
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,3 +69,35 @@ class Calibration:
     diagnostics: Diagnostics
     verdict: Verdict
     settings: dict[str, Any] = field(default_factory=dict)
+
+    @classmethod
+    def of(
+        cls,
+        offset: OffsetAnswer,
+        rotation: RotationAnswer,
+        diagnostics: Diagnostics,
+        residuals: Residuals,
+        *,
+        curve: OffsetCurve | None,
+        verdict: Verdict | None = None,
+        **more: Any,
+    ) -> Self:
+        """Put a calibration together; the verdict follows from the rest if it is not given."""
+        return cls(
+            R_body_cam=rotation.R_body_cam,
+            offset=offset.used,
+            offset_sd=offset.sd,
+            offset_interval=offset.interval,
+            offset_observable=offset.observable,
+            rotation_sd=rotation_sd(rotation.covariance),
+            rotation_covariance=rotation.covariance,
+            rotation_radius=rotation.radius,
+            rotation_observable=rotation.determined,
+            unknown_axis=rotation.unknown_axis,
+            inlier_share=diagnostics.mixture.inliers,
+            curve=curve,
+            residuals=residuals,
+            diagnostics=diagnostics,
+            verdict=judge(diagnostics, offset, rotation) if verdict is None else verdict,
+            **more,
+        )

@@ -13,13 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from evcalib import checks
-from evcalib.alignment._stream_pair import (
-    MIN_OVERLAP,
-    covered_at_all,
-    intervals,
-    no_overlap,
-    weights,
-)
+from evcalib.alignment._stream_pair import MIN_OVERLAP, StreamPair
 from evcalib.arrays import Floats, Integers
 from evcalib.errors import InputError
 from evcalib.kernels.alignment import offset as kernel
@@ -31,8 +25,8 @@ METHODS = ("profile", "trace", "canonical", "scalar", "none")
 STEP = 0.01
 """Grid of the search [s]; finer grids only follow the noise of the odometry (measured)."""
 
-WIDE_REACHES = np.array([2.0, 1.0, 0.5])
-"""Tukey reaches of the search, 1 - cos(angle): 180, 90 and 60 degrees."""
+WIDE_LOSS_SCALES = np.array([2.0, 1.0, 0.5])
+"""Scales of Tukey's loss in the search, 1 - cos(angle): 180, 90 and 60 degrees."""
 
 RANK_TOLERANCE = 1e-9
 """Eigenvalues below this share of the largest one are zero."""
@@ -131,13 +125,13 @@ def find_offset(
     """
     checks.one_of(method, "offset_method", METHODS[:-1])
     offsets = candidate_offsets(max_offset, step)
-    headings = headings.usable()
-    total = weights(headings).sum()
-    headings = covered_at_all(headings, track, offsets[[0, offsets.size // 2, -1]])
-    score, totals = _CURVES[method](headings, track, offsets)
+    pair = StreamPair.of(headings, track)
+    total = pair.weight.sum()
+    pair = pair.covered_at_all(offsets[[0, offsets.size // 2, -1]])
+    score, totals = _CURVES[method](pair, offsets)
     if not (totals > 0).any():
         where = f"for any offset within +-{max_offset:g} s; check the clocks or raise max_offset"
-        raise InputError(no_overlap(headings, track, where))
+        raise InputError(pair.no_overlap(where))
     score = np.where(totals >= MIN_OVERLAP * totals.max(), score, np.nan)
     peak = int(np.nanargmax(score))
     return OffsetCurve(
@@ -151,26 +145,14 @@ def find_offset(
     )
 
 
-def _profile_curve(
-    headings: HeadingSeries, track: VelocityTrack, offsets: Floats
-) -> tuple[Floats, Floats]:
-    begin, end = intervals(headings)
-    e = np.ascontiguousarray(headings.v.T)
-    score, totals, _ = kernel.profile(
-        begin, end, e, weights(headings), offsets, track.arrays, track.limits, WIDE_REACHES
-    )
-    return score, totals
+def _profile_curve(pair: StreamPair, offsets: Floats) -> tuple[Floats, Floats]:
+    return pair.profile(offsets, WIDE_LOSS_SCALES)[:2]
 
 
-def _canonical_squares(
-    headings: HeadingSeries, track: VelocityTrack, offsets: Floats
-) -> tuple[Floats, Integers, Floats]:
+def _canonical_squares(pair: StreamPair, offsets: Floats) -> tuple[Floats, Integers, Floats]:
     """Return the squared canonical correlations (m, 3), their number (rank) and the weights."""
-    begin, end = intervals(headings)
-    e = np.ascontiguousarray(headings.v.T)
-    S_ee, S_oo, S_oe, totals = kernel.moments(
-        begin, end, e, weights(headings), offsets, track.arrays, track.limits
-    )
+    track = pair.track
+    S_ee, S_oo, S_oe, totals = kernel.moments(pair.columns, offsets, track.arrays, track.limits)
     half_ee, rank_ee = _inverse_root(S_ee)
     half_oo, rank_oo = _inverse_root(S_oo)
     correlation = np.linalg.svd(half_oo @ S_oe @ half_ee, compute_uv=False)
@@ -185,26 +167,22 @@ def _inverse_root(S: Floats) -> tuple[Floats, Integers]:
     return (vectors * root[:, None, :]) @ vectors.transpose(0, 2, 1), kept.sum(axis=1)
 
 
-def _trace_curve(
-    headings: HeadingSeries, track: VelocityTrack, offsets: Floats
-) -> tuple[Floats, Floats]:
-    squares, rank, totals = _canonical_squares(headings, track, offsets)
+def _trace_curve(pair: StreamPair, offsets: Floats) -> tuple[Floats, Floats]:
+    squares, rank, totals = _canonical_squares(pair, offsets)
     return np.sqrt(squares.sum(axis=1) / np.maximum(rank, 1)), totals
 
 
-def _canonical_curve(
-    headings: HeadingSeries, track: VelocityTrack, offsets: Floats
-) -> tuple[Floats, Floats]:
-    squares, _, totals = _canonical_squares(headings, track, offsets)
+def _canonical_curve(pair: StreamPair, offsets: Floats) -> tuple[Floats, Floats]:
+    squares, _, totals = _canonical_squares(pair, offsets)
     return np.sqrt(squares[:, 0]), totals
 
 
-def _scalar_curve(
-    headings: HeadingSeries, track: VelocityTrack, offsets: Floats, half: float = 0.25
-) -> tuple[Floats, Floats]:
+def _scalar_curve(pair: StreamPair, offsets: Floats, half: float = 0.25) -> tuple[Floats, Floats]:
     """Correlate how fast the two directions turn, which no rotation changes (cf. Mair 2011)."""
-    t, rate = _turn_rate(headings.t, headings.v, half)
-    return kernel.turning_correlation(t, rate, half, offsets, track.arrays, track.limits)
+    t, rate = _turn_rate(pair.headings.t, pair.headings.v, half)
+    track = pair.track
+    score, totals = kernel.turning_correlation(t, rate, half, offsets, track.arrays, track.limits)
+    return score, totals
 
 
 def _turn_rate(t: Floats, v: Floats, half: float) -> tuple[Floats, Floats]:
@@ -220,7 +198,7 @@ def _turn_rate(t: Floats, v: Floats, half: float) -> tuple[Floats, Floats]:
     return t[enough], np.linalg.norm(after - before, axis=1)
 
 
-_Curve = Callable[[HeadingSeries, VelocityTrack, Floats], tuple[Floats, Floats]]
+_Curve = Callable[[StreamPair, Floats], tuple[Floats, Floats]]
 
 _CURVES: dict[str, _Curve] = {
     "profile": _profile_curve,

@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from evcalib.alignment._stream_pair import MIN_OVERLAP, covered_at_all, intervals, weights
-from evcalib.alignment.offset import WIDE_REACHES
-from evcalib.alignment.rotation import MIN_SIGMA, Mixture, fit_mixture, misfits, tukey_reach
+from evcalib.alignment._stream_pair import MIN_OVERLAP, MIN_SIGMA, StreamPair
+from evcalib.alignment.offset import WIDE_LOSS_SCALES
+from evcalib.alignment.rotation import Mixture, cosine_residuals, fit_mixture, tukey_scale
 from evcalib.arrays import Flags, Floats
 from evcalib.kernels.alignment import offset as kernel
 from evcalib.kinematics.velocity_track import VelocityTrack
@@ -58,24 +58,20 @@ def refine_offset(
     window : float, optional
         Half width [s]; 0.1, or 1.5 headings' spacing if that is more, if not given.
     """
-    headings = headings.usable()
+    pair = StreamPair.of(headings, track)
     if window is None:
-        spacing = float(np.median(np.diff(headings.t))) if len(headings) > 1 else 0.0
+        spacing = float(np.median(np.diff(pair.headings.t))) if len(pair) > 1 else 0.0
         window = max(0.1, min(1.5 * spacing, 0.2))
     steps = np.linspace(-window, window, 21)
-    offset, turn = start, _turning(track, headings, start)
-    R, mixture = _at(headings, track, offset, WIDE_REACHES)
+    offset, turn = start, _turning(pair, start)
+    R, mixture = _at(pair, offset, WIDE_LOSS_SCALES)
     curvature, converged = 0.0, False
     for _ in range(12):
-        # Misfits at the window's borders must stay within reach of the loss.
+        # Residuals at the window's borders must stay within the scale of the loss.
         sigma = float(np.hypot(mixture.sigma, turn * window / np.sqrt(3)))
-        reaches = np.append(WIDE_REACHES[-1:], np.full(3, min(tukey_reach(sigma), 0.5)))
-        part = covered_at_all(headings, track, offset + steps)
-        begin, end = intervals(part)
-        w, e = weights(part), np.ascontiguousarray(part.v.T)
-        score, totals, _ = kernel.profile(
-            begin, end, e, w, offset + steps, track.arrays, track.limits, reaches
-        )
+        scales = np.append(WIDE_LOSS_SCALES[-1:], np.full(3, _narrow(sigma)))
+        part = pair.covered_at_all(offset + steps)
+        score, totals, _ = part.profile(offset + steps, scales)
         use = totals >= MIN_OVERLAP * totals.max()
         if use.sum() < 5 or totals.max() == 0:
             break
@@ -85,7 +81,7 @@ def refine_offset(
             break
         move = float(np.clip(-b / (2 * a), -window, window))
         offset += move
-        R, mixture = _at(headings, track, offset, reaches)
+        R, mixture = _at(pair, offset, scales)
         if abs(move) < 1e-3 * window:
             converged = True
             break
@@ -94,7 +90,7 @@ def refine_offset(
 
 def inliers_at(headings: HeadingSeries, track: VelocityTrack, offset: float) -> RefinedOffset:
     """Return the robust rotation and the noise at an offset that is taken as it is."""
-    R, mixture = _at(headings.usable(), track, offset, WIDE_REACHES)
+    R, mixture = _at(StreamPair.of(headings, track), offset, WIDE_LOSS_SCALES)
     return RefinedOffset(offset, R, mixture, -1.0, True)
 
 
@@ -129,17 +125,12 @@ def plausible_offsets(
     ndarray of bool, shape (m,)
         The plausible ones.
     """
-    headings = headings.usable()
-    begin, end = intervals(headings)
-    w, e = weights(headings), np.ascontiguousarray(headings.v.T)
-    reach = min(tukey_reach(refined.mixture.sigma), 0.5)
-    reaches = np.concatenate([WIDE_REACHES, [reach, reach]])
-    _, totals, rotations = kernel.profile(
-        begin, end, e, w, offsets, track.arrays, track.limits, reaches
-    )
-    peak = _scores(headings, track, refined, reach)
+    pair = StreamPair.of(headings, track)
+    scale = _narrow(refined.mixture.sigma)
+    _, totals, rotations = pair.profile(offsets, np.append(WIDE_LOSS_SCALES, [scale, scale]))
+    peak = _scores(pair, refined, scale)
     mean, variance, pairs = kernel.contrast(
-        begin, end, e, w, offsets, track.arrays, track.limits, rotations, reach, peak
+        pair.columns, offsets, track.arrays, track.limits, rotations, scale, peak
     )
     error = np.sqrt(inflation * variance / np.maximum(pairs, 1))
     compared = (pairs >= 3) & (totals >= MIN_OVERLAP * totals.max())
@@ -163,15 +154,15 @@ def preference(
     other : VelocityTrack
         The rival, which gets a rotation of its own.
     """
-    headings = headings.usable()
-    reach = min(tukey_reach(refined.mixture.sigma), 0.5)
-    reaches = np.concatenate([WIDE_REACHES, [reach, reach, reach]])
-    rival, _ = _at(headings, other, refined.offset, reaches)
-    first = _scores(headings, track, refined, reach)
-    second = _scores(headings, other, replace(refined, R_body_cam=rival), reach)
+    pair = StreamPair.of(headings, track)
+    rivals = pair.along(other)
+    scale = _narrow(refined.mixture.sigma)
+    rival, _ = _at(rivals, refined.offset, np.append(WIDE_LOSS_SCALES, [scale, scale, scale]))
+    first = _scores(pair, refined, scale)
+    second = _scores(rivals, replace(refined, R_body_cam=rival), scale)
     both = (first >= 0) & (second >= 0)
     gap = (first - second)[both]
-    w = weights(headings)[both]
+    w = pair.weight[both]
     if gap.size < 3 or not w.any():
         return 0.0
     mean = float(np.average(gap, weights=w))
@@ -179,37 +170,32 @@ def preference(
     return mean / spread if spread > 0 else 0.0
 
 
-def _scores(
-    headings: HeadingSeries, track: VelocityTrack, refined: RefinedOffset, reach: float
-) -> Floats:
+def _narrow(sigma: float) -> float:
+    """Return the scale of a loss that is as narrow as the noise, 60 degrees at most."""
+    return min(tukey_scale(sigma), 0.5)
+
+
+def _scores(pair: StreamPair, refined: RefinedOffset, scale: float) -> Floats:
     """Return the Tukey score of each heading at the refined offset, -1 where it is not covered."""
-    d = track.directions(*intervals(headings), refined.offset)
-    u = misfits(headings.v, d, refined.R_body_cam)
-    return np.where(np.any(d != 0, axis=1), np.maximum(0.0, 1.0 - u / reach) ** 3, -1.0)
+    d, known = pair.directions(refined.offset)
+    u = cosine_residuals(pair.headings.v, d, refined.R_body_cam)
+    return np.where(known, np.maximum(0.0, 1.0 - u / scale) ** 3, -1.0)
 
 
-def _at(
-    headings: HeadingSeries, track: VelocityTrack, offset: float, reaches: Floats
-) -> tuple[Floats, Mixture]:
-    begin, end = intervals(headings)
-    w, e = weights(headings), np.ascontiguousarray(headings.v.T)
-    _, _, rotations = kernel.profile(
-        begin, end, e, w, np.array([offset]), track.arrays, track.limits, reaches
-    )
-    d = track.directions(begin, end, offset)
-    known = np.any(d != 0, axis=1)
+def _at(pair: StreamPair, offset: float, loss_scales: Floats) -> tuple[Floats, Mixture]:
+    R = pair.profile(np.array([offset]), loss_scales)[2][0]
+    d, known = pair.directions(offset)
     if not known.any():
-        return rotations[0], Mixture(MIN_SIGMA, 0.0, 0.0, 1.0)
-    return rotations[0], fit_mixture(misfits(headings.v[known], d[known], rotations[0]), w[known])
+        return R, Mixture(MIN_SIGMA, 0.0, 0.0, 1.0)
+    u = cosine_residuals(pair.headings.v[known], d[known], R)
+    return R, fit_mixture(u, pair.weight[known])
 
 
-def _turning(track: VelocityTrack, headings: HeadingSeries, offset: float) -> float:
+def _turning(pair: StreamPair, offset: float, half: float = 0.05) -> float:
     """Return the root mean square turning rate of the body directions [rad/s]."""
-    begin, end = intervals(headings)
-    half = 0.05
-    before = track.directions(begin, end, offset - half)
-    after = track.directions(begin, end, offset + half)
-    known = np.any(before != 0, axis=1) & np.any(after != 0, axis=1)
+    before, has_before = pair.directions(offset - half)
+    after, has_after = pair.directions(offset + half)
+    known = has_before & has_after
     if not known.any():
         return 0.0
     chord = np.linalg.norm(after[known] - before[known], axis=1)

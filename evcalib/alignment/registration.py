@@ -6,19 +6,21 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from evcalib.alignment._stream_pair import intervals, no_overlap, weights
-from evcalib.alignment.offset import WIDE_REACHES
-from evcalib.alignment.rotation import Mixture, estimate_rotation, fit_mixture, misfits, tukey_reach
+from evcalib.alignment._stream_pair import MIN_PAIRS, StreamPair
+from evcalib.alignment.offset import WIDE_LOSS_SCALES
+from evcalib.alignment.rotation import (
+    Mixture,
+    cosine_residuals,
+    estimate_rotation,
+    fit_mixture,
+    tukey_scale,
+)
 from evcalib.arrays import Floats
-from evcalib.errors import InputError
 from evcalib.geometry import rotation_angle
 from evcalib.kernels.alignment.rotation import best_rotation
 from evcalib.kinematics.velocity_track import VelocityTrack
 from evcalib.series import HeadingSeries
 from evcalib.uncertainty import JointCovariance, NoiseModel, coloured_noise, joint_covariance
-
-MIN_PAIRS = 6
-"""Fewest headings that a calibration can rest on."""
 
 MIN_AGREEING = 6.0
 """Fewest independent headings that must agree with the result."""
@@ -88,9 +90,7 @@ class Solution:
         return self.covariance.noise
 
     @classmethod
-    def at(
-        cls, headings: HeadingSeries, track: VelocityTrack, offset: float, method: str
-    ) -> Solution:
+    def at(cls, pair: StreamPair, offset: float, method: str) -> Solution:
         """Register the headings at an offset [s], by a method of `estimate_rotation`.
 
         Raises
@@ -98,26 +98,17 @@ class Solution:
         InputError
             If the odometry covers too few headings there.
         """
-        begin, end = intervals(headings)
-        d = track.directions(begin, end, offset)
-        known = np.any(d != 0, axis=1)
-        if not known.any():
-            where = f"at an offset of {offset:g} s; check the clocks"
-            raise InputError(no_overlap(headings, track, where))
-        if known.sum() < MIN_PAIRS:
-            raise InputError(
-                f"only {int(known.sum())} of {known.size} headings are covered by odometry that"
-                f" moves and has no gap, at an offset of {offset:g} s; {MIN_PAIRS} are needed"
-            )
-        part, d = headings.select(known), d[known]
-        w = weights(part)
+        pair, d = pair.covered(offset)
+        part, w = pair.headings, pair.weight
         estimate = estimate_rotation(part.v, d, method=method, weight=w)
-        u = misfits(part.v, d, estimate.R_body_cam)
+        u = cosine_residuals(part.v, d, estimate.R_body_cam)
         mixture = fit_mixture(u, w)
         turned = part.v @ estimate.R_body_cam.T
-        reach = np.inf if method in ("kabsch", "cca") else tukey_reach(mixture.sigma)
-        rate = _direction_rate(track, part, d, offset, RATE_STEP)
-        covariance = joint_covariance(part.t, turned, d, rate, w, reach, _body_noise(track, part.t))
+        scale = np.inf if method in ("kabsch", "cca") else tukey_scale(mixture.sigma)
+        rate = _direction_rate(pair, d, offset, RATE_STEP)
+        covariance = joint_covariance(
+            part.t, turned, d, rate, w, scale, _body_noise(pair.track, part.t)
+        )
         angle = 2 * np.arcsin(np.sqrt(np.clip(u / 2, 0.0, 1.0)))
         residuals = Residuals(part.t, turned, d, angle, estimate.weight)
         independent = covariance.noise.independent(part.t, w)
@@ -150,42 +141,32 @@ def _body_noise(track: VelocityTrack, t: Floats) -> Floats:
     return steps * (1 + rho) / (1 - rho) * (sigma / track.moving_speed) ** 2
 
 
-def _direction_rate(
-    track: VelocityTrack, headings: HeadingSeries, d: Floats, offset: float, half: float
-) -> Floats:
+def _direction_rate(pair: StreamPair, d: Floats, offset: float, half: float) -> Floats:
     """Return the secant derivative of the body direction [1/s], one-sided at the ends."""
-    begin, end = intervals(headings)
-    before = track.directions(begin, end, offset - half)
-    after = track.directions(begin, end, offset + half)
-    has_before, has_after = np.any(before != 0, axis=1), np.any(after != 0, axis=1)
+    before, has_before = pair.directions(offset - half)
+    after, has_after = pair.directions(offset + half)
     before, after = np.where(has_before[:, None], before, d), np.where(has_after[:, None], after, d)
     span = half * (has_before.astype(float) + has_after)
     return (after - before) / np.maximum(span, 1e-12)[:, None]
 
 
-def rotation_change(
-    track: VelocityTrack,
-    headings: HeadingSeries,
-    solution: Solution,
-    others: Floats,
-) -> float:
+def rotation_change(pair: StreamPair, solution: Solution, others: Floats) -> float:
     """Return the largest change of the rotation [rad] from the solution's offset to any other.
 
     Both rotations of a comparison rest on the same headings, those covered at either offset.
     Headings that the other offset moves to where the vehicle went another way do not count.
     """
-    part = headings.select(np.isin(headings.t, solution.residuals.t))
-    begin, end = intervals(part)
-    change = 0.0
+    part = pair.select(np.isin(pair.headings.t, solution.residuals.t))
+    v, change = part.headings.v, 0.0
     for other in others:
-        d = track.directions(begin, end, float(other))
-        weight = np.where(np.any(d != 0, axis=1), solution.residuals.weight, 0.0)
-        apart = misfits(part.v, d, _registered(part.v, d, weight))
-        weight = np.where(apart < WIDE_REACHES[-1], weight, 0.0)
+        d, known = part.directions(float(other))
+        weight = np.where(known, solution.residuals.weight, 0.0)
+        apart = cosine_residuals(v, d, _registered(v, d, weight))
+        weight = np.where(apart < WIDE_LOSS_SCALES[-1], weight, 0.0)
         if np.count_nonzero(weight) < MIN_PAIRS:
             continue
-        here = _registered(part.v, solution.residuals.direction, weight)
-        change = max(change, rotation_angle(here, _registered(part.v, d, weight)))
+        here = _registered(v, solution.residuals.direction, weight)
+        change = max(change, rotation_angle(here, _registered(v, d, weight)))
     return change
 
 
@@ -197,9 +178,9 @@ def _registered(e: Floats, d: Floats, weight: Floats) -> Floats:
 def has_sharp_turns(track: VelocityTrack, solution: Solution, offset: float) -> bool:
     """Whether the directions turn much faster over 0.1 s than over 0.4 s, noise allowed for."""
     direction = solution.residuals.direction
-    series = HeadingSeries(solution.residuals.t + offset, direction)
+    pair = StreamPair.of(HeadingSeries(solution.residuals.t + offset, direction), track)
     narrow, wide = (
-        float(np.mean(np.sum(_direction_rate(track, series, direction, 0.0, h) ** 2, 1)))
+        float(np.mean(np.sum(_direction_rate(pair, direction, 0.0, h) ** 2, 1)))
         for h in (RATE_STEP / 4, RATE_STEP)
     )
     noise = float(np.max(track.noise)) / track.moving_speed

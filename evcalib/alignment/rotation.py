@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from evcalib import checks
+from evcalib.alignment._stream_pair import MIN_SIGMA
 from evcalib.arrays import Floats
 from evcalib.errors import InputError
 from evcalib.kernels.alignment import mixture as kernel
@@ -15,10 +16,8 @@ from evcalib.kernels.alignment import mixture as kernel
 METHODS = ("tukey", "l1", "kabsch", "gnc", "cca")
 
 TUKEY = 5.12
-"""Reach of Tukey's biweight in standard deviations: 95 % efficiency for two-dimensional errors."""
-
-MIN_SIGMA = 1e-5
-"""Directions [rad] are never taken to be more exact than this."""
+"""Scale of Tukey's biweight in standard deviations: 95 % efficiency for two-dimensional errors
+(`tests/test_rotation.py`)."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +47,7 @@ class RotationEstimate:
 
 @dataclass(frozen=True)
 class Mixture:
-    """Shares of what the misfits u = 1 - cos(angle) in [0, 2] are made of.
+    """Shares of what the residuals u = 1 - cos(angle) in [0, 2] are made of.
 
     Inliers are exponential in u (the Fisher distribution on the sphere), flipped ones are
     exponential in 2 - u, outliers are uniform.
@@ -60,7 +59,7 @@ class Mixture:
     outliers: float
 
     def evidence(self, u: Floats, weight: Floats) -> float:
-        """Return the log-likelihood ratio of misfits u against all being uniform outliers."""
+        """Return the log-likelihood ratio of residuals u against all being uniform outliers."""
         scale = self.sigma**2
         norm = scale * -np.expm1(-2 / scale)
         density = self.inliers * np.exp(-u / scale) / norm + self.outliers * 0.5
@@ -80,7 +79,7 @@ def estimate_rotation(
     method : {"tukey", "l1", "kabsch", "gnc", "cca"}
         ``kabsch`` is weighted least squares.  ``l1`` is the paper's re-weighting, with weights
         applied to the data as given each time.  ``tukey`` starts from ``l1`` and goes on with
-        Tukey's biweight, its scale from the misfits' mixture.  ``gnc`` is graduated
+        Tukey's biweight, its scale from the residuals' mixture.  ``gnc`` is graduated
         non-convexity with truncated least squares (Yang et al. 2020).  ``cca`` is the closed form
         S_oo^+ S_oe (Qiu et al. 2020); the paper's S_ee^-1 S_eo is far worse.
     weight : ndarray, shape (n,), optional
@@ -123,13 +122,13 @@ def kabsch(e: Floats, d: Floats, weight: Floats) -> Floats:
     return U @ np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))]) @ Vt
 
 
-def misfits(e: Floats, d: Floats, R: Floats) -> Floats:
+def cosine_residuals(e: Floats, d: Floats, R: Floats) -> Floats:
     """Return 1 - d . R e for each pair, in [0, 2], from |d - R e|^2 / 2 (exact near 0)."""
     return np.minimum(0.5 * np.sum((d - e @ R.T) ** 2, axis=1), 2.0)
 
 
 def fit_mixture(u: Floats, weight: Floats | None = None) -> Mixture:
-    """Fit inliers, flips and uniform outliers to misfits by expectation-maximisation.
+    """Fit inliers, flips and uniform outliers to residuals by expectation-maximisation.
 
     The best of several starts is kept, so that neither few nor many outliers mislead it.
     """
@@ -145,7 +144,7 @@ def _fit_mixture(u: Floats, w: Floats, sigma: float) -> tuple[float, Mixture]:
 
 def _kabsch_estimate(e: Floats, d: Floats, w: Floats) -> RotationEstimate:
     R = kabsch(e, d, w)
-    u = misfits(e, d, R)
+    u = cosine_residuals(e, d, R)
     sigma = float(np.sqrt(max(np.average(u, weights=w), MIN_SIGMA**2)))
     return RotationEstimate(R, w, sigma, True, 1)
 
@@ -161,25 +160,25 @@ def _l1(e: Floats, d: Floats, w: Floats, floor: float = 1e-3) -> RotationEstimat
 
 def _tukey(e: Floats, d: Floats, w: Floats) -> RotationEstimate:
     start = _l1(e, d, w)
-    reach = tukey_reach(fit_mixture(misfits(e, d, start.R_body_cam), w).sigma)
+    scale = tukey_scale(fit_mixture(cosine_residuals(e, d, start.R_body_cam), w).sigma)
 
     def biweight(u: Floats) -> Floats:
-        return np.asarray(np.maximum(0.0, 1.0 - u / reach) ** 2)
+        return np.asarray(np.maximum(0.0, 1.0 - u / scale) ** 2)
 
     return _iterate(e, d, w, start.R_body_cam, biweight, start.iterations)
 
 
-def tukey_reach(sigma: float) -> float:
-    """Return the misfit 1 - cos(angle) at which Tukey's weight becomes 0."""
+def tukey_scale(sigma: float) -> float:
+    """Return the residual 1 - cos(angle) at which Tukey's weight becomes 0."""
     return 0.5 * (TUKEY * sigma) ** 2
 
 
 def _gnc(e: Floats, d: Floats, w: Floats) -> RotationEstimate:
     """Anneal truncated least squares; the truncation is three inlier standard deviations."""
     R = _l1(e, d, w).R_body_cam
-    limit = 9.0 * fit_mixture(misfits(e, d, R), w).sigma ** 2
+    limit = 9.0 * fit_mixture(cosine_residuals(e, d, R), w).sigma ** 2
     R = kabsch(e, d, w)
-    square = 2 * misfits(e, d, R)
+    square = 2 * cosine_residuals(e, d, R)
     mu = limit / max(2 * square.max() - limit, 1e-12)
     iterations, weights = 0, w
     while iterations < 200:
@@ -192,7 +191,7 @@ def _gnc(e: Floats, d: Floats, w: Floats) -> RotationEstimate:
         if np.count_nonzero(weights) < 2:
             break
         R = kabsch(e, d, weights)
-        square = 2 * misfits(e, d, R)
+        square = 2 * cosine_residuals(e, d, R)
         if np.isin(gate, (0.0, 1.0)).all():
             break
         mu *= 1.4
@@ -208,7 +207,7 @@ def _cca(e: Floats, d: Floats, w: Floats) -> RotationEstimate:
     S_oo, S_oe = (y * w[:, None]).T @ y, (y * w[:, None]).T @ x
     U, _, Vt = np.linalg.svd(np.linalg.pinv(S_oo, rcond=1e-9) @ S_oe)
     R = U @ np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))]) @ Vt
-    sigma = float(np.sqrt(max(np.average(misfits(e, d, R), weights=w), MIN_SIGMA**2)))
+    sigma = float(np.sqrt(max(np.average(cosine_residuals(e, d, R), weights=w), MIN_SIGMA**2)))
     return RotationEstimate(R, w, sigma, True, 1)
 
 
@@ -225,14 +224,14 @@ def _iterate(
     weights, moved, step = w, np.inf, 0
     while moved >= 1e-10 and step < limit:
         step += 1
-        candidate = w * reweight(misfits(e, d, R))
+        candidate = w * reweight(cosine_residuals(e, d, R))
         if np.count_nonzero(candidate) < 2:
             break
         weights = candidate
         update = kabsch(e, d, weights)
         moved = float(np.linalg.norm(update - R))
         R = update
-    sigma = fit_mixture(misfits(e, d, R), w).sigma
+    sigma = fit_mixture(cosine_residuals(e, d, R), w).sigma
     return RotationEstimate(R, weights, sigma, moved < 1e-6, done + step)
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from evcalib.alignment._answers import OffsetAnswer, RotationAnswer
 from evcalib.alignment.observability import FOLLOW_GATE, RATE_GATE, DirectionSpread, axis_name
 from evcalib.alignment.rotation import Mixture
 from evcalib.arrays import Floats
@@ -19,7 +19,12 @@ TURN_MORE = (
 )
 
 MAX_TURNING = 0.05
-"""Yaw rate of the body [rad/s] above which the verdict warns."""
+"""Yaw rate of the body [rad/s] above which the verdict warns: a camera 0.3 m from the origin then
+moves by 1.7 degrees otherwise than the body, at 0.5 m/s."""
+
+MANY_FLIPPED, FEW_INLIERS = 0.2, 0.3
+"""Shares beyond which the verdict warns: search and rotation were tried with up to 40 % of the
+signs turned and 60 % of outliers (`tests/montecarlo.py`)."""
 
 SEARCH_FURTHER = "Search further: raise max_offset (--max-offset)."
 
@@ -112,108 +117,110 @@ class Verdict:
         return " ".join((self.summary, *self.reasons, *self.advice))
 
 
-def judge(
-    diagnostics: Diagnostics,
-    *,
-    offset_observable: bool,
-    rotation_observable: bool,
-    offset_sd: float,
-    offset_interval: tuple[float, float],
-    unknown_axis: Floats | None,
-    searched: float | None,
-    given: float | None,
-    used: float,
-    estimate: float,
-) -> Verdict:
-    """Put the diagnostics into words.
+def judge(diagnostics: Diagnostics, offset: OffsetAnswer, rotation: RotationAnswer) -> Verdict:
+    """Put what was found into words.
 
     Parameters
     ----------
     diagnostics : Diagnostics
         What was measured.
-    offset_observable, rotation_observable : bool
-        What is determined.
-    offset_sd : float
-        Standard deviation of the offset [s].
-    offset_interval : tuple of (float, float)
-        95 % interval of the offset [s].
-    unknown_axis : ndarray, shape (3,), optional
-        Body axis about which the rotation is unknown.
-    searched : float, optional
-        Half width of the search [s]; None if there was none.
-    given : float, optional
-        Offset [s] that the user gave.
-    used : float
-        Offset [s] that the rotation is for.
-    estimate : float
-        Offset [s] of the best score.
+    offset, rotation : OffsetAnswer, RotationAnswer
+        What is determined, and how well.
+
+    Returns
+    -------
+    Verdict
+        Without doubts, which come from later stages.
     """
-    reasons: list[str] = []
-    advice: list[str] = []
-    if not diagnostics.agrees:
-        reasons.append(
-            "The headings agree with the odometry no better than chance would let a few of any"
-            f" headings do ({diagnostics.independent_headings:.1f} independent ones agree)."
-        )
-        advice.append("Look at the headings, and at which log belongs to which drive.")
-    if not offset_observable:
-        reason, remedy = _why_not_observable(diagnostics, offset_sd, searched, estimate)
-        reasons.append(reason)
-        advice.extend(remedy)
-        reasons.append(_what_offset_does(diagnostics, rotation_observable, given, used))
-    elif given is not None and not offset_interval[0] <= given <= offset_interval[1]:
-        low, high = offset_interval
-        reasons.append(
-            f"The offset of {given:g} s that was given is not used: the motion determines it, from"
-            f" {low:.4f} to {high:.4f} s (95 %)."
-        )
-    if unknown_axis is not None:
-        spread = np.degrees(diagnostics.spread.spread)
-        reasons.append(
-            f"The directions of travel spread by only {spread:.1f} deg (rms) around"
-            f" {axis_name(diagnostics.spread.axis)}, so the rotation about"
-            f" {axis_name(unknown_axis)} is unknown."
-        )
-        advice.append(SPREAD_MORE)
-    if diagnostics.body_turns > MAX_TURNING:
-        reasons.append(
-            f"The body turns at {diagnostics.body_turns:.2f} rad/s (rms): a camera away from its"
-            " origin then moves in another direction, which these error bars do not count."
-        )
-        advice.append("Remove the rows that turn (evcalib velocities --max-yaw-rate).")
-    if diagnostics.mixture.flipped > 0.2:
-        share = 100 * diagnostics.mixture.flipped
-        reasons.append(f"{share:.0f} % of the headings point backwards: check their sign.")
-    if diagnostics.mixture.inliers < 0.3:
-        share = 100 * diagnostics.mixture.inliers
-        reasons.append(f"Only {share:.0f} % of the headings agree with the result.")
+    said = (
+        _about_agreement(diagnostics),
+        _about_offset(diagnostics, offset, rotation.determined),
+        _about_axis(diagnostics, rotation.unknown_axis),
+        _about_body(diagnostics),
+        _about_shares(diagnostics),
+    )
+    reasons = tuple(reason for some, _ in said for reason in some)
+    advice = tuple(remedy for _, some in said for remedy in some)
     if not diagnostics.agrees:
         summary = "The headings do not agree with the odometry: nothing is determined."
     else:
-        summary = _summary(offset_observable, rotation_observable, searched, unknown_axis)
-    return Verdict(summary, tuple(reasons), tuple(advice))
+        summary = _summary(offset, rotation)
+    return Verdict(summary, reasons, advice)
 
 
-def _summary(
-    offset: bool, rotation: bool, searched: float | None, unknown_axis: NDArray | None
-) -> str:
-    if rotation and offset:
+Said = tuple[list[str], list[str]]
+"""Reasons, and advice."""
+
+
+def _about_agreement(diagnostics: Diagnostics) -> Said:
+    if diagnostics.agrees:
+        return [], []
+    return [
+        "The headings agree with the odometry no better than chance would let a few of any"
+        f" headings do ({diagnostics.independent_headings:.1f} independent ones agree)."
+    ], ["Look at the headings, and at which log belongs to which drive."]
+
+
+def _about_offset(diagnostics: Diagnostics, offset: OffsetAnswer, rotation: bool) -> Said:
+    if not offset.observable:
+        reason, remedy = _why_not_observable(diagnostics, offset)
+        return [reason, _what_offset_does(diagnostics, offset, rotation)], remedy
+    low, high = offset.interval
+    if offset.given is None or low <= offset.given <= high:
+        return [], []
+    return [
+        f"The offset of {offset.given:g} s that was given is not used: the motion determines it,"
+        f" from {low:.4f} to {high:.4f} s (95 %)."
+    ], []
+
+
+def _about_axis(diagnostics: Diagnostics, unknown_axis: Floats | None) -> Said:
+    if unknown_axis is None:
+        return [], []
+    return [
+        f"The directions of travel spread by only {np.degrees(diagnostics.spread.spread):.1f} deg"
+        f" (rms) around {axis_name(diagnostics.spread.axis)}, so the rotation about"
+        f" {axis_name(unknown_axis)} is unknown."
+    ], [SPREAD_MORE]
+
+
+def _about_body(diagnostics: Diagnostics) -> Said:
+    if diagnostics.body_turns <= MAX_TURNING:
+        return [], []
+    return [
+        f"The body turns at {diagnostics.body_turns:.2f} rad/s (rms): a camera away from its"
+        " origin then moves in another direction, which these error bars do not count."
+    ], ["Remove the rows that turn (evcalib velocities --max-yaw-rate)."]
+
+
+def _about_shares(diagnostics: Diagnostics) -> Said:
+    reasons = []
+    if diagnostics.mixture.flipped > MANY_FLIPPED:
+        share = 100 * diagnostics.mixture.flipped
+        reasons.append(f"{share:.0f} % of the headings point backwards: check their sign.")
+    if diagnostics.mixture.inliers < FEW_INLIERS:
+        share = 100 * diagnostics.mixture.inliers
+        reasons.append(f"Only {share:.0f} % of the headings agree with the result.")
+    return reasons, []
+
+
+def _summary(offset: OffsetAnswer, rotation: RotationAnswer) -> str:
+    if rotation.determined and offset.observable:
         return "The motion determines the rotation and the offset."
-    if rotation and searched is None:
+    if rotation.determined and offset.searched is None:
         return "The rotation is determined, with the offset as given."
-    if rotation:
+    if rotation.determined:
         return "The motion determines the rotation; the offset is not observable."
-    if offset:
+    if offset.observable:
         return "The motion determines the offset, but not the whole rotation."
-    if unknown_axis is not None:
+    if rotation.unknown_axis is not None:
         return "The motion determines neither the offset nor the whole rotation."
     return "The motion determines neither the offset nor the rotation, which depends on it."
 
 
-def _why_not_observable(
-    diagnostics: Diagnostics, offset_sd: float, searched: float | None, estimate: float
-) -> tuple[str, list[str]]:
+def _why_not_observable(diagnostics: Diagnostics, offset: OffsetAnswer) -> tuple[str, list[str]]:
     """Return the reason, and what would help."""
+    searched, estimate = offset.searched, offset.estimate
     if searched is None:
         return "The offset was not searched.", []
     if diagnostics.heading_rate_z < RATE_GATE:
@@ -231,10 +238,10 @@ def _why_not_observable(
             "The offset is not observable: the headings do not follow the turns of the odometry any"
             f" better than a steady turn (z = {diagnostics.follows_z:.1f}, {FOLLOW_GATE:g} needed)."
         ), [TURN_MORE]
-    if offset_sd >= searched / 4:
+    if offset.fit_sd >= searched / 4:
         return (
             "The offset is not observable: the direction of travel turns too little for the noise"
-            f" (standard deviation {offset_sd:.2g} s within a search of +-{searched:g} s)."
+            f" (standard deviation {offset.fit_sd:.2g} s within a search of +-{searched:g} s)."
         ), [TURN_MORE]
     low = diagnostics.plausible.min(initial=estimate)
     high = diagnostics.plausible.max(initial=estimate)
@@ -244,9 +251,8 @@ def _why_not_observable(
     ), [SEARCH_LESS]
 
 
-def _what_offset_does(
-    diagnostics: Diagnostics, rotation: bool, given: float | None, used: float
-) -> str:
+def _what_offset_does(diagnostics: Diagnostics, offset: OffsetAnswer, rotation: bool) -> str:
+    given, used = offset.given, offset.used
     change = np.degrees(diagnostics.offset_matters)
     rate = np.degrees(diagnostics.offset_sensitivity)
     if given is not None:

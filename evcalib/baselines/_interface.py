@@ -7,15 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from evcalib.alignment import Calibration, intervals, no_overlap, weights
+from evcalib.alignment import Calibration, OffsetAnswer, RotationAnswer, StreamPair, enough
 from evcalib.alignment.observability import direction_spread, heading_rate_test
 from evcalib.alignment.offset import OffsetCurve
-from evcalib.alignment.registration import MIN_PAIRS, Residuals
-from evcalib.alignment.rotation import fit_mixture, misfits
+from evcalib.alignment.registration import Residuals
+from evcalib.alignment.rotation import cosine_residuals, fit_mixture
 from evcalib.alignment.verdict import Diagnostics, Verdict
 from evcalib.arrays import Floats
 from evcalib.errors import InputError
-from evcalib.kinematics.velocity_track import VelocityTrack, velocity_track
+from evcalib.kinematics.velocity_track import velocity_track
 from evcalib.poses import PoseSeries
 from evcalib.series import HeadingSeries, VelocitySeries
 from evcalib.uncertainty import NoiseModel
@@ -45,14 +45,18 @@ class RivalInput:
     body_poses: PoseSeries | None = None
     hold: float = 0.0
 
-    def usable_headings(self) -> HeadingSeries:
-        """Return the headings to use, or raise an InputError if they are too few."""
-        headings = self.headings.usable()
-        if len(headings) < MIN_PAIRS:
-            raise InputError(
-                f"headings: {len(headings)} usable row(s), at least {MIN_PAIRS} are needed"
-            )
-        return headings
+    def pair(self) -> StreamPair:
+        """Return the streams as the rivals look them up: linear between samples, not smoothed.
+
+        Raises
+        ------
+        InputError
+            If there are too few headings, or the velocities are unusable.
+        """
+        headings = enough(self.headings)
+        return StreamPair.of(
+            headings, velocity_track(self.velocities, hold=self.hold, smooth=False)
+        )
 
     def trajectories(self, method: str) -> tuple[PoseSeries, PoseSeries]:
         """Return both trajectories, or raise an InputError that says which one `method` lacks."""
@@ -127,29 +131,6 @@ class CertifiedCalibration(TrajectoryCalibration):
     certified: bool = False
 
 
-def track_of(streams: RivalInput) -> VelocityTrack:
-    """Return the odometry as the rivals look it up: linear between samples, not smoothed."""
-    return velocity_track(streams.velocities, hold=streams.hold, smooth=False)
-
-
-def paired(
-    headings: HeadingSeries, track: VelocityTrack, offset: float
-) -> tuple[HeadingSeries, Floats]:
-    """Return the headings that the odometry covers at an offset [s], and the body directions.
-
-    Raises
-    ------
-    InputError
-        If there are fewer than six.
-    """
-    d = track.directions(*intervals(headings), offset)
-    known = np.any(d != 0, axis=1)
-    if known.sum() < MIN_PAIRS:
-        where = f"at an offset of {offset:g} s, but for {int(known.sum())} headings"
-        raise InputError(no_overlap(headings, track, where))
-    return headings.select(known), d[known]
-
-
 def finish(
     streams: RivalInput,
     R: Floats,
@@ -166,23 +147,15 @@ def finish(
 
     Residuals and shares of outliers are computed as ours are, with equal weights.
     """
-    headings = streams.usable_headings()
-    track = track_of(streams)
-    part, d = paired(headings, track, offset)
-    w = weights(part)
-    u = misfits(part.v, d, R)
-    mixture = fit_mixture(u, w)
-    angle = 2 * np.arcsin(np.sqrt(np.clip(u / 2, 0.0, 1.0)))
-    begin, end = intervals(part)
+    pair = streams.pair()
+    at, d = pair.covered(offset)
+    u = cosine_residuals(at.headings.v, d, R)
     unknown = np.nan
-    yaw_rate = streams.velocities.yaw_rate
     diagnostics = Diagnostics(
-        heading_rate_z=heading_rate_test(
-            track, float(begin.min()) + offset, float(end.max()) + offset
-        ),
+        heading_rate_z=heading_rate_test(pair.track, *at.span(offset)),
         follows_z=unknown,
-        spread=direction_spread(d, track),
-        mixture=mixture,
+        spread=direction_spread(d, pair.track),
+        mixture=fit_mixture(u, at.weight),
         noise=NoiseModel(unknown, unknown),
         independent_headings=unknown,
         second_peak_ratio=0.0 if curve is None else curve.second_peak_ratio,
@@ -190,25 +163,17 @@ def finish(
         offset_matters=unknown,
         offset_sensitivity=unknown,
         agrees=False,
-        body_turns=0.0 if yaw_rate is None else float(np.sqrt(np.mean(yaw_rate**2))),
+        body_turns=streams.velocities.turning,
         at_edge=curve is not None and curve.at_edge,
         sharp_turns=False,
     )
-    return kind(
-        R_body_cam=R,
-        offset=float(offset),
-        offset_sd=unknown,
-        offset_interval=(unknown, unknown),
-        offset_observable=False,
-        rotation_sd=unknown,
-        rotation_covariance=np.full((3, 3), unknown),
-        rotation_radius=unknown,
-        rotation_observable=False,
-        unknown_axis=unknown_axis,
-        inlier_share=mixture.inliers,
+    angle = 2 * np.arcsin(np.sqrt(np.clip(u / 2, 0.0, 1.0)))
+    return kind.of(
+        OffsetAnswer(used=float(offset), estimate=float(offset)),
+        RotationAnswer(R, unknown_axis=unknown_axis),
+        diagnostics,
+        Residuals(at.headings.t, at.headings.v @ R.T, d, angle, at.weight),
         curve=curve,
-        residuals=Residuals(part.t, part.v @ R.T, d, angle, w),
-        diagnostics=diagnostics,
         verdict=_verdict(method, curve, more.get("reason", "")),
         settings=settings or {},
         method=method,

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from evcalib.alignment import weights
 from evcalib.alignment.offset import find_offset
 from evcalib.alignment.rotation import estimate_rotation
-from evcalib.baselines._interface import RivalCalibration, RivalInput, finish, paired, track_of
+from evcalib.baselines._interface import RivalCalibration, RivalInput, finish
 
 
 def vc(streams: RivalInput, *, max_offset: float = 1.0) -> RivalCalibration:
@@ -15,24 +14,13 @@ def vc(streams: RivalInput, *, max_offset: float = 1.0) -> RivalCalibration:
     taken as it is, also where the motion does not determine the offset, and velocities are not
     smoothed.
     """
-    headings, track = streams.usable_headings(), track_of(streams)
-    curve = find_offset(headings, track, max_offset=max_offset, method="trace")
-    part, d = paired(headings, track, curve.offset)
-    found = estimate_rotation(part.v, d, method="l1", weight=weights(part))
-    return finish(
-        streams,
-        found.R_body_cam,
-        curve.offset,
-        method="vc",
-        curve=curve,
-        settings={"max_offset": max_offset},
-    )
+    return _aligned(streams, "vc", "trace", "l1", max_offset)
 
 
 def vc_wota(streams: RivalInput) -> RivalCalibration:
     """Register headings with the velocities of the same instants, as if the clocks were one."""
-    part, d = paired(streams.usable_headings(), track_of(streams), 0.0)
-    found = estimate_rotation(part.v, d, method="kabsch", weight=weights(part))
+    part, d = streams.pair().covered(0.0)
+    found = estimate_rotation(part.headings.v, d, method="kabsch", weight=part.weight)
     return finish(streams, found.R_body_cam, 0.0, method="vc_wota")
 
 
@@ -42,31 +30,22 @@ def cca(streams: RivalInput, *, max_offset: float = 1.0) -> RivalCalibration:
     Qiu et al., "Real-time temporal and rotational calibration of heterogeneous sensors using motion
     correlation analysis" (2020), correlate angular rates; here it is directions of travel.
     """
-    headings, track = streams.usable_headings(), track_of(streams)
-    curve = find_offset(headings, track, max_offset=max_offset, method="canonical")
-    part, d = paired(headings, track, curve.offset)
-    found = estimate_rotation(part.v, d, method="cca", weight=weights(part))
-    return finish(
-        streams,
-        found.R_body_cam,
-        curve.offset,
-        method="cca",
-        curve=curve,
-        settings={"max_offset": max_offset},
-    )
+    return _aligned(streams, "cca", "canonical", "cca", max_offset)
 
 
 def correlate(streams: RivalInput, *, max_offset: float = 1.0) -> RivalCalibration:
     """Align by the correlation of the rates at which the two directions of travel turn."""
-    headings, track = streams.usable_headings(), track_of(streams)
-    curve = find_offset(headings, track, max_offset=max_offset, method="scalar")
-    part, d = paired(headings, track, curve.offset)
-    found = estimate_rotation(part.v, d, method="kabsch", weight=weights(part))
-    return finish(
-        streams,
-        found.R_body_cam,
-        curve.offset,
-        method="cross_correlation",
-        curve=curve,
-        settings={"max_offset": max_offset},
-    )
+    return _aligned(streams, "cross_correlation", "scalar", "kabsch", max_offset)
+
+
+def _aligned(
+    streams: RivalInput, name: str, score: str, rotation: str, max_offset: float
+) -> RivalCalibration:
+    """Take the peak of a score, and register what the odometry covers there."""
+    pair = streams.pair()
+    curve = find_offset(pair.headings, pair.track, max_offset=max_offset, method=score)
+    part, d = pair.covered(curve.offset)
+    found = estimate_rotation(part.headings.v, d, method=rotation, weight=part.weight)
+    settings = {"max_offset": max_offset}
+    R = found.R_body_cam
+    return finish(streams, R, curve.offset, method=name, curve=curve, settings=settings)

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from evcalib import checks
+from evcalib.alignment import enough
 from evcalib.alignment.offset import OffsetCurve
 from evcalib.arrays import Floats
 from evcalib.baselines._interface import RivalCalibration, RivalInput, finish
@@ -151,7 +152,7 @@ def authors(streams: RivalInput) -> RivalCalibration:
 
 def paired_rows(streams: RivalInput) -> PairedRows:
     """Return each usable heading with the direction of the velocity nearest in time."""
-    headings, velocities = streams.usable_headings(), streams.velocities
+    headings, velocities = enough(streams.headings), streams.velocities
     moving = velocities.select(velocities.speed > STILL)
     if len(moving) == 0:
         raise InputError("velocities: the vehicle does not move")

@@ -7,7 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from evcalib.alignment import Calibration, one_answer, unknown_axis
+from evcalib.alignment import (
+    Calibration,
+    OffsetAnswer,
+    RotationAnswer,
+    StreamPair,
+    one_answer,
+    unknown_axis,
+)
 from evcalib.alignment.observability import (
     RATE_GATE,
     direction_spread,
@@ -20,7 +27,7 @@ from evcalib.arrays import Floats
 from evcalib.joint import SURE, JointRefinement
 from evcalib.kinematics.velocity_track import VelocityTrack
 from evcalib.series import HeadingSeries
-from evcalib.uncertainty import UNKNOWN, rotation_radius, rotation_sd, t_quantile
+from evcalib.uncertainty import UNKNOWN, rotation_sd, t_quantile
 
 ENOUGH = 0.3
 """Least share of the sightings that a refinement must follow to be believed."""
@@ -42,7 +49,7 @@ class RefinedCalibration(Calibration):
     joint: JointRefinement | None = None
 
     @classmethod
-    def of(cls, aligned: Calibration, **changes: Any) -> RefinedCalibration:
+    def after(cls, aligned: Calibration, **changes: Any) -> RefinedCalibration:
         """Return an alignment's answer with what the refinement changed."""
         kept = {f.name: getattr(aligned, f.name) for f in fields(Calibration)}
         return cls(**{**kept, **changes})
@@ -89,16 +96,27 @@ def finish(
     max_offset : float
         Half width of the search [s].
     """
-    solution = Solution.at(headings.usable(), track, joint.offset, "tukey")
+    solution = Solution.at(StreamPair.of(headings, track), joint.offset, "tukey")
     spread = direction_spread(solution.residuals.direction, track)
     covariance = joint.covariance[:3, :3]
     unknown = unknown_axis(covariance, spread)
     if unknown is not None:
         covariance = covariance + UNKNOWN * np.outer(unknown, unknown)
-    determined = unknown is None
+    rotation = RotationAnswer(
+        joint.R_body_cam, covariance, joint.samples, unknown, determined=unknown is None
+    )
     sd = float(np.sqrt(joint.covariance[3, 3]))
     half = t_quantile(joint.samples) * sd
-    interval = joint.offset - half, joint.offset + half
+    offset = OffsetAnswer(
+        used=joint.offset,
+        estimate=joint.offset,
+        sd=sd,
+        interval=(joint.offset - half, joint.offset + half),
+        observable=True,
+        fit_sd=sd,
+        searched=max_offset,
+        given=aligned.settings.get("offset"),
+    )
     diagnostics = replace(
         aligned.diagnostics,
         spread=spread,
@@ -112,38 +130,18 @@ def finish(
         at_edge=False,
         offset_matters=0.0,
     )
-    verdict = judge(
-        diagnostics,
-        offset_observable=True,
-        rotation_observable=determined,
-        offset_sd=sd,
-        offset_interval=interval,
-        unknown_axis=unknown,
-        searched=max_offset,
-        given=aligned.settings.get("offset"),
-        used=joint.offset,
-        estimate=joint.offset,
-    )
+    verdict = judge(diagnostics, offset, rotation)
+    how = _how(joint, diagnostics.heading_rate_z)
     return RefinedCalibration.of(
-        aligned,
-        R_body_cam=joint.R_body_cam,
-        offset=joint.offset,
-        offset_sd=sd,
-        offset_interval=interval,
-        offset_observable=True,
-        rotation_sd=rotation_sd(covariance),
-        rotation_covariance=covariance,
-        rotation_radius=rotation_radius(covariance, samples=joint.samples),
-        rotation_observable=determined,
-        unknown_axis=unknown,
-        inlier_share=solution.mixture.inliers,
+        offset,
+        rotation,
+        diagnostics,
+        _residuals(solution.residuals, headings, joint.R_body_cam),
         curve=joint.curve,
-        residuals=_residuals(solution.residuals, headings, joint.R_body_cam),
-        diagnostics=diagnostics,
         verdict=_doubted(
-            replace(verdict, reasons=(_how(joint, diagnostics.heading_rate_z), *verdict.reasons)),
-            doubts_of(joint, headings),
+            replace(verdict, reasons=(how, *verdict.reasons)), doubts_of(joint, headings)
         ),
+        settings=aligned.settings,
         joint=joint,
     )
 
@@ -192,7 +190,7 @@ def keep(
     covariance = aligned.rotation_covariance
     if np.trace(joint.covariance[:3, :3]) > np.trace(covariance):
         covariance = joint.covariance[:3, :3]
-    return RefinedCalibration.of(
+    return RefinedCalibration.after(
         aligned,
         R_body_cam=joint.R_body_cam,
         rotation_covariance=covariance,

@@ -185,7 +185,7 @@ def calibrate_estimate(
             estimate.headings, velocities, max_offset=max_offset, offset=offset, seed=seed
         )
     if refinement == "none":
-        return RefinedCalibration.of(aligned)
+        return RefinedCalibration.after(aligned)
     with stage("refinement"):
         return _refined(aligned, estimate, velocities, focal, max_offset, systematic, lever)
 
@@ -216,7 +216,7 @@ def _refined(
     joint = refine_jointly(*start, estimate_offset=False, **common)
     if joint is None or abs(joint.lag - systematic.lag) > STRANGE_LAG * systematic.lag_sd:
         # A lag that corners do not have makes up for an offset that is not the true one.
-        return RefinedCalibration.of(aligned)
+        return RefinedCalibration.after(aligned)
     return keep(aligned, joint, estimate.headings)
 
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from matplotlib.axes import Axes
 
-from evcalib.alignment import intervals
+from evcalib.alignment import StreamPair
 from evcalib.alignment.offset import OffsetCurve
 from evcalib.arrays import Floats, Integers
 from evcalib.kinematics.velocity_track import VelocityTrack
@@ -27,9 +27,9 @@ def paired(
     headings: HeadingSeries, track: VelocityTrack, offset: float, R_body_cam: Floats
 ) -> tuple[Floats, Floats, Floats]:
     """Return times, body directions and turned headings where the odometry covers them."""
-    body = track.directions(*intervals(headings), offset)
-    known = np.any(body != 0, axis=1)
-    return headings.t[known], body[known], headings.v[known] @ R_body_cam.T
+    pair = StreamPair.of(headings, track)
+    body, known = pair.directions(offset)
+    return pair.headings.t[known], body[known], pair.headings.v[known] @ R_body_cam.T
 
 
 def draw_apart(axes: Sequence[Axes], headings: HeadingSeries, velocities: VelocitySeries) -> None:

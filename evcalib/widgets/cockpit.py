@@ -9,7 +9,7 @@ from typing import Protocol
 import ipywidgets as widgets
 import numpy as np
 
-from evcalib.alignment import Calibration, covered_at_all, intervals, weights
+from evcalib.alignment import Calibration, StreamPair
 from evcalib.alignment import offset as search
 from evcalib.arrays import Floats
 from evcalib.errors import InputError
@@ -77,16 +77,15 @@ class Scorer:
 
     def __init__(self, headings: HeadingSeries, track: VelocityTrack, reach: float) -> None:
         ends = np.array([-reach, 0.0, reach])
-        self._headings = covered_at_all(headings, track, ends)
-        self._weights, self._track = weights(self._headings), track
+        self._pair = StreamPair.of(headings, track).covered_at_all(ends)
 
     def __call__(self, offset: float, R_body_cam: Floats) -> float:
         """Return the score; 0 where the odometry covers nothing."""
-        body = self._track.directions(*intervals(self._headings), offset)
-        misfit = 1.0 - np.sum(body * (self._headings.v @ R_body_cam.T), axis=1)
-        kept = np.maximum(0.0, 1.0 - misfit / search.WIDE_REACHES[-1]) ** 3
-        weights = self._weights * np.any(body != 0, axis=1)
-        return float(weights @ kept / max(weights.sum(), 1e-300))
+        body, known = self._pair.directions(offset)
+        residual = 1.0 - np.sum(body * (self._pair.headings.v @ R_body_cam.T), axis=1)
+        kept = np.maximum(0.0, 1.0 - residual / search.WIDE_LOSS_SCALES[-1]) ** 3
+        weight = self._pair.weight * known
+        return float(weight @ kept / max(weight.sum(), 1e-300))
 
 
 class Cockpit(Panel):

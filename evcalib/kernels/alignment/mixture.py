@@ -1,4 +1,4 @@
-"""Inliers, flips and uniform outliers among misfits, by expectation-maximisation."""
+"""Inliers, flips and uniform outliers among residuals, by expectation-maximisation."""
 
 import numpy as np
 
@@ -9,7 +9,7 @@ from evcalib.kernels.jit import jit
 def fit_mixture(u, weight, sigma, min_sigma):
     """Return the log-likelihood and (sigma, inliers, flipped, outliers) reached from `sigma`.
 
-    Densities over misfits u in [0, 2], with s = sigma^2 and c = 1 - exp(-2 / s):
+    Densities over residuals u in [0, 2], with s = sigma^2 and c = 1 - exp(-2 / s):
     inliers exp(-u / s) / (s c), flipped exp(-(2 - u) / s) / (s c), outliers 1 / 2.
     """
     inliers, flipped, outliers = 0.6, 0.05, 0.35

@@ -1,5 +1,7 @@
 """Correlation curves over candidate offsets."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from evcalib.kernels.alignment.rotation import best_rotation, tukey_pass
@@ -7,16 +9,24 @@ from evcalib.kernels.jit import jit
 from evcalib.kernels.kinematics.velocity_track import directions
 
 
+class Headings(NamedTuple):
+    """Headings as columns: times (n,) from `start` to `end`, directions e (3, n), weight (n,)."""
+
+    start: np.ndarray
+    end: np.ndarray
+    e: np.ndarray
+    weight: np.ndarray
+
+
 @jit
-def profile(start, end, e, weight, offsets, track, limits, reaches):
+def profile(headings, offsets, track, limits, loss_scales):
     """Return the robust rigid profile: at each offset, the score under its best rotation.
 
-    start, end : (n,) times of the headings; e : (3, n); weight : (n,).
-    track : (t, v, slope, path, segment) of the velocities.
-    reaches : (k,) Tukey reaches, descending: the loss is first wide, then narrow, so that each
-        candidate finds its rotation from a plain start (graduated non-convexity).
+    loss_scales : (k,) scales of Tukey's loss, descending: it is first wide, then narrow, so that
+        each candidate finds its rotation from a plain start (graduated non-convexity).
     Returns scores (m,), weights of the usable pairs (m,), rotations (m, 3, 3).
     """
+    start, end, e, weight = headings
     t, v, slope, path, segment = track
     m, n = offsets.size, weight.size
     scores, totals = np.zeros(m), np.zeros(m)
@@ -30,19 +40,20 @@ def profile(start, end, e, weight, offsets, track, limits, reaches):
             totals[k] += usable[i]
         R = best_rotation((d * usable) @ e.T)
         score = 0.0
-        for reach in reaches:
-            H, score = tukey_pass(e, d, usable, R, reach, work)
+        for scale in loss_scales:
+            H, score = tukey_pass(e, d, usable, R, scale, work)
             if score > 0.0:
                 R = best_rotation(H)
-        H, score = tukey_pass(e, d, usable, R, reaches[-1], work)
+        H, score = tukey_pass(e, d, usable, R, loss_scales[-1], work)
         scores[k] = score / totals[k] if totals[k] > 0.0 else 0.0
         rotations[k] = R
     return scores, totals, rotations
 
 
 @jit
-def moments(start, end, e, weight, offsets, track, limits):
+def moments(headings, offsets, track, limits):
     """Return weighted covariances S_ee, S_oo, S_oe (m, 3, 3) and weights (m,) at each offset."""
+    start, end, e, weight = headings
     t, v, slope, path, segment = track
     m, n = offsets.size, weight.size
     S_ee, S_oo, S_oe = np.zeros((m, 3, 3)), np.zeros((m, 3, 3)), np.zeros((m, 3, 3))
@@ -101,12 +112,13 @@ def turning_correlation(at, rate, half, offsets, track, limits):
 
 
 @jit
-def contrast(start, end, e, weight, offsets, track, limits, rotations, reach, peak):
+def contrast(headings, offsets, track, limits, rotations, loss_scale, peak):
     """Return mean and variance, over pairs, of the score at the peak less that at each offset.
 
     peak : (n,) score of each pair at the peak, negative where it is not usable.
     Returns mean (m,), variance (m,), pairs (m,) over those usable at both.
     """
+    start, end, e, weight = headings
     t, v, slope, path, segment = track
     m, n = offsets.size, weight.size
     mean, variance, pairs = np.zeros(m), np.zeros(m), np.zeros(m)
@@ -122,7 +134,7 @@ def contrast(start, end, e, weight, offsets, track, limits, rotations, reach, pe
             fit = 0.0
             for a in range(3):
                 fit += d[a, i] * (R[a, 0] * e[0, i] + R[a, 1] * e[1, i] + R[a, 2] * e[2, i])
-            rest = max(0.0, 1.0 - (1.0 - fit) / reach)
+            rest = max(0.0, 1.0 - (1.0 - fit) / loss_scale)
             gap = peak[i] - rest * rest * rest
             total += weight[i]
             first += weight[i] * gap

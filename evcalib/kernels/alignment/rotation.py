@@ -92,15 +92,15 @@ def matrix_of(q):
 
 
 @jit
-def tukey_pass(e, d, weight, R, reach, work):
-    """Return H re-weighted by Tukey's biweight of each misfit 1 - d . R e, and the summed score.
+def tukey_pass(e, d, weight, R, loss_scale, work):
+    """Return H re-weighted by Tukey's biweight of each residual 1 - d . R e, and the summed score.
 
     e, d : (3, n) columns; weight : (n,).
-    reach : misfit from which on a pair counts nothing; the weight is (1 - misfit / reach)^2 and
-        the score (1 - misfit / reach)^3, both 0 beyond.
+    loss_scale : residual from which on a pair counts nothing; the weight is
+        (1 - residual / scale)^2 and the score (1 - residual / scale)^3, both 0 beyond.
     work : (3, n) scratch.
     """
-    inverse = 1.0 / reach
+    inverse = 1.0 / loss_scale
     total = 0.0
     r00, r01, r02 = R[0, 0], R[0, 1], R[0, 2]
     r10, r11, r12 = R[1, 0], R[1, 1], R[1, 2]
