@@ -89,6 +89,30 @@ RENAMED = {
 """Names that their new module has under another one."""
 
 
+def _intervals(headings: Any) -> Any:
+    told = headings.t_start is not None
+    return (headings.t_start, headings.t_end) if told else (headings.t, headings.t)
+
+
+METHODS: Mapping[str, Callable[[Any], Any]] = {
+    "evcalib.track.intervals": lambda pair: _intervals,
+    "evcalib.offset.weights": lambda pair: lambda headings: pair.of(headings, None).weight,
+    "evcalib.offset.covered_at_all": lambda pair: (
+        lambda headings, track, offsets: pair.of(headings, track).covered_at_all(offsets).headings
+    ),
+    "evcalib.offset.no_overlap": lambda pair: (
+        lambda headings, track, where: pair.of(headings, track).no_overlap(where)
+    ),
+    "evcalib.baselines.rival.track_of": lambda pair: lambda streams: streams.pair().track,
+    "evcalib.baselines.rival.paired": lambda pair: (
+        lambda headings, track, offset: (lambda covered: (covered[0].headings, covered[1]))(
+            pair.of(headings, track).covered(offset)
+        )
+    ),
+}
+"""Functions that became methods of `evcalib.alignment.StreamPair`, as they were called."""
+
+
 class _Stand(Loader):
     """A module in the old place that looks its names up in the new ones."""
 
@@ -112,6 +136,8 @@ def _shown(home: str) -> str:
 
 def _look_up(old: str, homes: Sequence[str]) -> Callable[[str], Any]:
     def look_up(name: str) -> Any:
+        if f"{old}.{name}" in METHODS:
+            return METHODS[f"{old}.{name}"](import_module("evcalib.alignment").StreamPair)
         for home in map(import_module, homes):
             new = RENAMED.get(f"{home.__name__}.{name}", name)
             if new in vars(home):

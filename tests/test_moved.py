@@ -5,6 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import data_tools
@@ -49,6 +50,29 @@ def test_the_old_and_the_new_are_one_thing():
     with pytest.warns(DeprecationWarning, match=r"import from evcalib\.alignment"):
         from evcalib.results import Calibration
     assert Calibration is evcalib.Calibration
+
+
+def test_functions_that_became_methods_work_as_they_did():
+    from data_tools.simulation.drives import s_curve
+    from data_tools.simulation.streams import simulate
+    from evcalib.alignment import StreamPair
+    from evcalib.kinematics.velocity_track import velocity_track
+
+    made = simulate(s_curve(10.0), np.random.default_rng(0))
+    track, offsets = velocity_track(made.velocities), np.array([-0.1, 0.1])
+    pair = StreamPair.of(made.headings, track)
+    with pytest.warns(DeprecationWarning, match="has moved"):
+        from evcalib.offset import covered_at_all, no_overlap, weights
+    with pytest.warns(DeprecationWarning, match="has moved"):
+        from evcalib.track import intervals
+    with pytest.warns(DeprecationWarning, match="has moved"):
+        from evcalib.baselines.rival import paired
+    np.testing.assert_array_equal(weights(made.headings), pair.weight)
+    np.testing.assert_array_equal(intervals(made.headings)[0], pair.columns.start)
+    part = covered_at_all(made.headings, track, offsets)
+    np.testing.assert_array_equal(part.t, pair.covered_at_all(offsets).headings.t)
+    assert no_overlap(made.headings, track, "here") == pair.no_overlap("here")
+    np.testing.assert_array_equal(paired(made.headings, track, 0.1)[1], pair.covered(0.1)[1])
 
 
 def test_unknown_names_are_still_unknown():

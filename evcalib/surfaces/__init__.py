@@ -7,19 +7,11 @@ image at any time with `render`, and as a function, which does both at once.  Im
 
 from evcalib.surfaces._base import Surface
 from evcalib.surfaces._dist import Dist, dist
+from evcalib.surfaces._names import SURFACES
 from evcalib.surfaces._silc import Silc, silc
 from evcalib.surfaces._time import TimeSurface, time_surface
 from evcalib.surfaces._tos import Tos, tos
 from evcalib.surfaces._tos_ts import TosTs, tos_ts
-
-SURFACES: dict[str, type[Surface]] = {
-    "tos_ts": TosTs,
-    "tos": Tos,
-    "ts": TimeSurface,
-    "silc": Silc,
-    "dist": Dist,
-}
-"""The surfaces by their short names."""
 
 __all__ = [
     "SURFACES",

@@ -20,7 +20,7 @@ from evcalib import checks
 from evcalib.arrays import Flags, Floats, Integers
 from evcalib.errors import InputError
 from evcalib.events import Events
-from evcalib.surfaces import SURFACES
+from evcalib.surfaces._names import SURFACES
 
 HARRIS_K = 1 / 16
 """Weight of the squared trace in Harris's measure."""
