@@ -8,15 +8,12 @@ from dataclasses import replace
 from pathlib import Path
 
 from data_tools.recordings import _stages as stages
-from data_tools.recordings._info import RecordingInfo, describe
 from data_tools.recordings.formats import Columns, Format, Options, Size, Source, find
 from evcalib import checks
 from evcalib._event_columns import MAX_TIME_US
 from evcalib.checks import side, whole_us
 from evcalib.errors import InputError
 from evcalib.events import Events
-
-__all__ = ["Recording", "RecordingInfo", "describe", "open_recording"]
 
 
 def open_recording(

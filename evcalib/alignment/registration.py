@@ -23,20 +23,25 @@ from evcalib.series import HeadingSeries
 from evcalib.uncertainty import JointCovariance, NoiseModel, coloured_noise, joint_covariance
 
 MIN_AGREEING = 6.0
-"""Fewest independent headings that must agree with the result."""
+"""Fewest independent headings that must agree with the result, as many as `MIN_PAIRS`: correlated
+noise makes two of hundreds (`tests/test_silently_wrong.py`)."""
 
 SHARED = np.radians(0.5)
-"""Error [rad] that all headings may share without speaking against them."""
+"""Error [rad] that all headings may share without speaking against them: a part of `HEADING_BIAS`,
+so that exact headings with a slow small error agree (`tests/test_align.py`)."""
 
 CHANCE = 3.0
-"""Log-likelihood by which agreement must exceed what a free choice of the unknowns can do."""
+"""Log-likelihood by which agreement must exceed what a free choice of the unknowns can do: odds of
+20 to 1, as for a 95 % interval (`tests/test_silently_wrong.py` holds headings that agree by
+chance)."""
 
 RATE_STEP = 0.2
 """Half step [s] of the secant that stands for the derivative of the body direction; noise of the
 odometry would pass for turning in a shorter one."""
 
 SHARP = 1.3
-"""Ratio of turning rates over 0.1 s and 0.4 s from which turns count as instant."""
+"""Ratio of turning rates over 0.1 s and 0.4 s from which turns count as instant: between the 1 of a
+smooth motion and the 2 of instant turns (their mean square goes with one over the time)."""
 
 
 @dataclass(frozen=True, eq=False)
