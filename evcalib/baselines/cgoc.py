@@ -35,8 +35,8 @@ from evcalib.kernels.baselines import hand_eye as kernel
 from evcalib.poses import PoseSeries, associate, motions
 
 CERTIFIED = 1e-4
-"""Relative gap up to which a solution is proved to be the best one: what the solver reaches where it
-converges (`tests/test_cgoc.py`), and far below any difference that a rotation makes."""
+"""Relative gap up to which a solution is proved to be the best one: what the solver reaches where
+it converges (`tests/test_cgoc.py`), and far below any difference that a rotation makes."""
 
 EXACT = 1e-6
 """Cost, as a share of the largest eigenvalue of Q, below which the gap is compared with this:

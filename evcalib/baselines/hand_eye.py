@@ -26,16 +26,16 @@ from evcalib.kernels.baselines import hand_eye as kernel
 from evcalib.poses import Motions, PoseSeries, associate, motions
 
 SEARCH_STEP = 0.1
-"""Grid of the search for the offset [s]; trajectories are integrals, and smooth.  A choice: the peak
-is refined between the points."""
+"""Grid of the search for the offset [s]; trajectories are integrals, and smooth.  A choice: the
+peak is refined between the points."""
 
 LEVER_TOLERANCE = np.radians(1.0)
 """Root mean square turn [rad] of the camera about the other axes below which the lever arm along an
 axis is unobservable.  It is absolute: a share of the largest turn would call noise a motion."""
 
 TURN_SPREAD = 0.1
-"""Share of the largest spread of axes from which rotations alone determine the closed form; a choice
-of the start, which the iterations then leave (`tests/test_hand_eye.py`)."""
+"""Share of the largest spread of axes from which rotations alone determine the closed form; a
+choice of the start, which the iterations then leave (`tests/test_hand_eye.py`)."""
 
 SPREAD_TOLERANCE = np.radians(1.0)
 """Root mean square angle [rad] between the motions below which they are one line, about which the

@@ -113,8 +113,8 @@ def robust_sd(residuals: Floats) -> float:
 
 
 SLOW = 0.03
-"""Odometry with longer steps [s] does not show the memory of its noise: four of them take as long as
-a fast turn (`tests/test_observability.py`)."""
+"""Odometry with longer steps [s] does not show the memory of its noise: four of them take as long
+as a fast turn (`tests/test_observability.py`)."""
 
 
 def coloured_noise(v: Floats, segment: Integers, step: float = 0.02) -> tuple[Floats, float]:
