@@ -8,11 +8,14 @@ from __future__ import annotations
 import sys
 import warnings
 from collections.abc import Callable, Mapping, Sequence
+from functools import wraps
 from importlib import import_module
 from importlib.abc import Loader, MetaPathFinder
 from importlib.machinery import ModuleSpec
 from types import ModuleType
-from typing import Any
+from typing import Any, TypeVar
+
+T = TypeVar("T")
 
 MOVED = {
     "evcalib.authors": "evcalib.baselines.authors",
@@ -80,6 +83,12 @@ LEFT = {
 }
 """Folders with the name of an old module, and where names are that are public no more."""
 
+RENAMED = {
+    "evcalib.design._prediction.SIGHTINGS": "OBSERVATIONS",
+    "evcalib.kernels.joint.observation_model.sighting": "observe",
+}
+"""Old names at their new place, and what they are called there."""
+
 
 class _Stand(Loader):
     """A module in the old place that looks its names up in the new ones."""
@@ -105,8 +114,9 @@ def _shown(home: str) -> str:
 def _look_up(old: str, homes: Sequence[str]) -> Callable[[str], Any]:
     def look_up(name: str) -> Any:
         for home in map(import_module, homes):
-            if name in vars(home):
-                return getattr(home, name)
+            now = RENAMED.get(f"{home.__name__}.{name}", name)
+            if now in vars(home):
+                return getattr(home, now)
         raise AttributeError(f"module {old!r} has no attribute {name!r}")
 
     return look_up
@@ -124,6 +134,35 @@ def leftovers(folder: str) -> Callable[[str], Any]:
         return found
 
     return tell
+
+
+def renamed_fields(**new: str) -> Callable[[type[T]], type[T]]:
+    """Let a dataclass be made and read by old names of its fields, with a warning."""
+
+    def name_now(old: str) -> str:
+        text = f"{old} is called {new[old]} now"
+        warnings.warn(text, DeprecationWarning, stacklevel=3)
+        return new[old]
+
+    def reader(old: str) -> property:
+        return property(lambda self: getattr(self, name_now(old)))
+
+    def decorate(cls: type[T]) -> type[T]:
+        made = cls.__init__
+
+        @wraps(made)
+        def init(self: T, *args: Any, **named: Any) -> None:
+            for old in new.keys() & named.keys():
+                # `replace` also gives the present value by the new name: the old name counts.
+                named[name_now(old)] = named.pop(old)
+            made(self, *args, **named)
+
+        cls.__init__ = init  # type: ignore
+        for old in new:
+            setattr(cls, old, reader(old))
+        return cls
+
+    return decorate
 
 
 class _Finder(MetaPathFinder):

@@ -25,7 +25,7 @@ def without_floor(prediction):
 def test_a_slow_s_curve_reaches_the_bound_of_its_headings():
     """Var(offset) = noise^2 per heading / sum (omega - mean)^2, the heading noise being s / v T."""
     drive, viewing = s_curve(24.0, amplitude=0.2, period=12.0, speed=0.5), Viewing()
-    # Displacements since the first sighting, less their mean, fix a direction as a line's slope
+    # Displacements since the first observation, less their mean, fix a direction as a line's slope
     # does: variance s^2 / (v^2 sum (t - mean t)^2) per corner, a new one every 0.6 s.
     t = STEP * np.arange(13)
     direction = viewing.step_sd**2 / (0.25 * np.sum((t - t.mean()) ** 2))

@@ -1,7 +1,7 @@
-"""Rotation and offset from all sightings of all corners at once.
+"""Rotation and offset from all observations of all corners at once.
 
 Headings tell only which way the camera went.  A corner that is seen again and again tells more: by
-how much further it moves from one sighting to the next, up to its unknown distance.  So not only
+how much further it moves from one observation to the next, up to its unknown distance.  So not only
 turns of the motion show the offset, but every change of speed.
 """
 
@@ -22,13 +22,13 @@ from evcalib.kinematics.velocity_track import VelocityTrack
 from evcalib.series import VelocitySeries
 
 MOST = 100_000
-"""Sightings that enter the fit; more lessen the error of the corners, not that of the motion."""
+"""Observations that enter the fit; more lessen the error of the corners, not that of the motion."""
 
 MOST_NEAR = 40_000
-"""Sightings that enter the search near the optimum."""
+"""Observations that enter the search near the optimum."""
 
 WIDEST = 2.0
-"""Reach of the loss [px] at the start."""
+"""Scale of the loss [px] at the start."""
 
 SLOWEST = 2.0
 """Flow [px/s] below which a corner has no direction to trail along."""
@@ -50,10 +50,10 @@ def refine_jointly(
     systematic: Systematic = SYSTEMATIC,
     lever: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> JointRefinement | None:
-    """Refine rotation and offset on all sightings of all corners.
+    """Refine rotation and offset on all observations of all corners.
 
-    Each sighting has its own time, the odometry is integrated from the first sighting to it, its
-    yaw included, and the distance of each corner is solved for along with the rest.  The loss is
+    Each observation has its own time, the odometry is integrated from the first one to it, its yaw
+    included, and the distance of each corner is solved for along with the rest.  The loss is
     Tukey's.  Two nuisances are estimated too, with priors: how far corners trail along their flow,
     and how far the odometry's yaw rate is off, every 50 ms anew, so that its noise does not pass
     for motion.
@@ -77,7 +77,7 @@ def refine_jointly(
     max_offset : float
         Offsets from -max_offset to max_offset [s] are compared, if it is estimated.
     systematic : Systematic
-        What is known of errors that all sightings share.
+        What is known of errors that all observations share.
     lever : tuple of float
         Position of the camera in the body frame [m].
 
@@ -108,7 +108,7 @@ def refine_jointly(
         SLOWEST / focal,
         systematic.lag / focal,
         systematic.lag_sd / focal,
-        float(np.hypot(yaw_rate_error(velocities, track), systematic.spin_sd)),
+        float(np.hypot(yaw_rate_error(velocities, track), systematic.yaw_rate_sd)),
     )
     free = np.array([True, True, True, estimate_offset, True])
     widest, search = WIDEST / focal, None
@@ -127,8 +127,10 @@ def refine_jointly(
     covariance[:3, :3] += systematic.rotation_sd**2 * np.eye(3)
     if estimate_offset:
         # Under the final loss, which is far narrower, other answers stand out.
-        search = search_offsets(problem, fit.R, grid[::2], fit.reach)
-        near = search_offsets(problem, fit.R, np.asarray(fit.offset + NEAR), fit.reach, MOST_NEAR)
+        search = search_offsets(problem, fit.R, grid[::2], fit.loss_scale)
+        near = search_offsets(
+            problem, fit.R, np.asarray(fit.offset + NEAR), fit.loss_scale, MOST_NEAR
+        )
         width = _width(near, search, fit.offset)
         sd = max(float(np.sqrt(covariance[3, 3])), 0.5 * width / GATE, jump_floor(track))
         covariance[3, 3] = sd**2 + systematic.time_sd**2
@@ -146,12 +148,12 @@ def refine_jointly(
         span=(float(tracks.start[0]), float(tracks.end.max())),
         curve=None
         if search is None
-        else curve_of(search, fit.offset, max_offset, fit.reach**2 / 6),
+        else curve_of(search, fit.offset, max_offset, fit.loss_scale**2 / 6),
         plausible=np.empty(0) if search is None else search.as_good(fit.offset),
         converged=fit.converged,
         drift=drift,
         distortion=checks.distortion(problem, fit, free),
-        turning=problem.spin_sd,
+        turning=problem.yaw_rate_sd,
     )
 
 

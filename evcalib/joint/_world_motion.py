@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from evcalib.kernels.joint.observation_model import WorldMotion
 from evcalib.kernels.kinematics import velocity_track as track_kernel
 from evcalib.kinematics.velocity_track import VelocityTrack, smoothed
 from evcalib.series import VelocitySeries
@@ -21,11 +21,11 @@ JUMP = 0.25
 sudden."""
 
 USUAL_SPAN = 0.4
-"""Usual time from the first to the last sighting of a corner [s]."""
+"""Usual time from the first to the last observation of a corner [s]."""
 
 
-def world_motion(velocities: VelocitySeries, track: VelocityTrack) -> tuple[NDArray, ...]:
-    """Return time, velocity in the world, its slope and integral, yaw and segment, per sample.
+def world_motion(velocities: VelocitySeries, track: VelocityTrack) -> WorldMotion:
+    """Return the odometry in the world.
 
     The world's axes are the body's at the first sample.  Noise of the odometry roughens the loss as
     a function of the offset, so all is smoothed a little; what a wider window takes off the peaks
@@ -39,7 +39,7 @@ def world_motion(velocities: VelocitySeries, track: VelocityTrack) -> tuple[NDAr
     x, y, z = v.T
     v = np.stack([c * x - s * y, s * x + c * y, z], axis=1)
     slope, path = track_kernel.slopes(track.t, v), track_kernel.integrate(track.t, v, track.segment)
-    return track.t, v, slope, path, yaw, track.segment
+    return WorldMotion(track.t, v, slope, path, yaw, track.segment)
 
 
 def jump_floor(track: VelocityTrack) -> float:

@@ -11,7 +11,7 @@ from evcalib.heading import Correspondences
 from evcalib.series import bins
 
 SHORTEST = 2
-"""Fewest sightings after the first: two displacements of one corner can be compared."""
+"""Fewest observations after the first: two displacements of one corner can be compared."""
 
 
 STRETCH = 0.05
@@ -48,7 +48,7 @@ class Tracks:
 
     @property
     def length(self) -> Integers:
-        """Sightings of each after the first, shape (k,)."""
+        """Observations of each after the first, shape (k,)."""
         return np.diff(self.first)
 
     @property
@@ -78,7 +78,7 @@ class Tracks:
         return replace(self, t1=t1, t2=t2)
 
     def thinned(self, most: int) -> Tracks:
-        """Return a share of the tracks, evenly over time: about so many sightings."""
+        """Return a share of the tracks, evenly over time: about so many observations."""
         n = int(self.first[-1])
         if n <= most:
             return self

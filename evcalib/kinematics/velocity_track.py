@@ -64,9 +64,9 @@ class VelocityTrack:
     raw: Floats
 
     @property
-    def arrays(self) -> tuple[Floats, Floats, Floats, Floats, Integers]:
+    def arrays(self) -> kernel.Samples:
         """What the kernels take."""
-        return self.t, self.v, self.slope, self.path, self.segment
+        return kernel.Samples(self.t, self.v, self.slope, self.path, self.segment)
 
     @property
     def moving_speed(self) -> float:
@@ -76,9 +76,9 @@ class VelocityTrack:
         return float(np.median(moving)) if moving.size else 1e-12
 
     @property
-    def limits(self) -> tuple[float, float]:
-        """Lowest speed with a direction [m/s], and how long [s] the samples at the ends hold."""
-        return self.min_speed, self.hold
+    def limits(self) -> kernel.Limits:
+        """Lowest speed with a direction, and how long the samples at the ends hold."""
+        return kernel.Limits(self.min_speed, self.hold)
 
     def directions(self, start: Floats, end: Floats, offset: float = 0.0) -> Floats:
         """Return unit directions of the mean velocity over [start, end] + offset, shape (n, 3).
@@ -86,7 +86,7 @@ class VelocityTrack:
         Rows are zero where the interval is not covered or the vehicle stands.
         """
         out = np.empty((3, start.size))
-        kernel.directions(start, end, float(offset), *self.arrays, self.limits, out)
+        kernel.directions(start, end, float(offset), self.arrays, self.limits, out)
         return np.ascontiguousarray(out.T)
 
 

@@ -23,7 +23,7 @@ from evcalib.series import HeadingSeries
 from evcalib.uncertainty import UNKNOWN, rotation_radius, rotation_sd, t_quantile
 
 ENOUGH = 0.3
-"""Least share of the sightings that a refinement must follow to be believed."""
+"""Least share of the observations that a refinement must follow to be believed."""
 
 TURNING = 0.02
 """Yaw rate [rad/s], rms, that the odometry may leave untold."""
@@ -149,7 +149,7 @@ def finish(
 
 
 def doubts_of(joint: JointRefinement, headings: HeadingSeries) -> tuple[str, ...]:
-    """Return what the sightings say against the model, in words."""
+    """Return what the observations say against the model, in words."""
     doubts = []
     if joint.drift.z > SURE:
         ppm, sd = 1e6 * joint.drift.values[0], 1e6 * joint.drift.sd[0]

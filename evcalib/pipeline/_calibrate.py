@@ -47,7 +47,7 @@ def calibrate(
     """Find the time offset and the rotation between an event camera and a vehicle.
 
     Headings are estimated from the events and aligned with the velocities (`evcalib.align`); then
-    all sightings of all corners refine offset and rotation at once
+    all observations of all corners refine offset and rotation at once
     (`evcalib.joint.refine_jointly`).  Where the velocities have a yaw rate, the refinement takes
     the turning of the camera into account.
 
@@ -69,7 +69,7 @@ def calibrate(
     refinement : {"tracks", "none"}
         Whether to refine; ``none`` is the paper's chain.
     systematic : Systematic
-        Errors that all sightings share; see `evcalib.joint`.
+        Errors that all observations share; see `evcalib.joint`.
     surface, rate, seed
         See `evcalib.estimate_headings`.
     on_stage : callable
