@@ -87,7 +87,7 @@ RENAMED = {
     "evcalib.design._prediction.SIGHTINGS": "OBSERVATIONS",
     "evcalib.kernels.joint.observation_model.sighting": "observe",
 }
-"""Old names at their new place, and what they are called there."""
+"""Names that changed as well: the new module with the old name, and the new name."""
 
 
 class _Stand(Loader):
@@ -113,10 +113,10 @@ def _shown(home: str) -> str:
 
 def _look_up(old: str, homes: Sequence[str]) -> Callable[[str], Any]:
     def look_up(name: str) -> Any:
-        for home in map(import_module, homes):
-            now = RENAMED.get(f"{home.__name__}.{name}", name)
-            if now in vars(home):
-                return getattr(home, now)
+        for home in homes:
+            module, now = import_module(home), RENAMED.get(f"{home}.{name}", name)
+            if now in vars(module):
+                return getattr(module, now)
         raise AttributeError(f"module {old!r} has no attribute {name!r}")
 
     return look_up

@@ -1,5 +1,7 @@
 """The joint refinement: its kernel against a slow twin, exactness, robustness, honest intervals."""
 
+import importlib
+import re
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -8,6 +10,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
+from evcalib import checks
 from evcalib.errors import InputError
 from evcalib.geometry import LOOKS_FORWARD, rotation_angle, rotation_vector_to_matrix
 from evcalib.joint import Systematic, refine_jointly
@@ -190,6 +193,25 @@ def test_what_the_odometry_does_not_cover_is_not_linearised(drive):
     assert fit.losses[lost] == pytest.approx(tracks.length[lost] * 0.1**2 / 6)
     assert (fit.gradients[lost] == 0).all()
     assert (fit.weights[np.repeat(lost, tracks.length)] == 0).all()
+
+
+def test_a_wrong_type_is_told_with_what_makes_the_right_one(drive):
+    velocities, tracks = drive
+    right = {"tracks": tracks, "velocities": velocities, "track": velocity_track(velocities)}
+    for name, kind in zip(right, ("Tracks", "VelocitySeries", "VelocityTrack"), strict=True):
+        with pytest.raises(InputError, match=f"{name} must be {kind}, not ndarray: .* makes? "):
+            refine_jointly(
+                **{**right, name: np.zeros(3)}, R_body_cam=R_BODY_CAM, offset=0.0, focal=FOCAL
+            )
+
+
+@pytest.mark.parametrize("text", checks.MAKERS.values())
+def test_what_makes_a_type_is_there(text):
+    names = re.findall(r"(?:evcalib|data_tools)[.\w]+", text)
+    assert names
+    for name in names:
+        module, _, function = name.rpartition(".")
+        assert callable(getattr(importlib.import_module(module), function))
 
 
 START = rotation_vector_to_matrix([0.05, 0.02, -0.04]) @ R_BODY_CAM

@@ -160,7 +160,7 @@ def predict(
     Raises
     ------
     InputError
-        If the drive is shorter than corners live, or does not move.
+        If this is no drive, or it is shorter than corners live, or does not move.
 
     Examples
     --------
@@ -176,6 +176,7 @@ def predict(
     known to half a turn beforehand, the offset to the width of the search.  The camera keeps its
     heading; yaw rates are not looked at.
     """
+    checks.of_type(velocities, "velocities", VelocitySeries)
     checks.positive(max_offset, "max_offset", "seconds")
     information = _information(velocities, viewing.step_sd, speed)
     information += np.diag([np.pi**-2] * 3 + [max_offset**-2])

@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from evcalib import checks as _check
 from evcalib.alignment.offset import candidate_offsets
 from evcalib.arrays import Floats
+from evcalib.checks import of_type, positive
 from evcalib.joint import _model_checks as checks
 from evcalib.joint._offset_search import FEWEST, GATE, Search, curve_of, search_offsets
 from evcalib.joint._result import SYSTEMATIC, JointRefinement, Systematic
-from evcalib.joint._solver import Problem, covariance_of, solve
+from evcalib.joint._solver import Fit, Problem, covariance_of, solve
 from evcalib.joint._world_motion import jump_floor, world_motion, yaw_rate_error
 from evcalib.joint.tracks import Tracks
 from evcalib.kinematics.velocity_track import VelocityTrack
@@ -86,6 +86,11 @@ def refine_jointly(
     JointRefinement or None
         None if there are too few tracks.
 
+    Raises
+    ------
+    InputError
+        If an input is of another type, or the focal length is not positive.
+
     Notes
     -----
     The change of the flow's direction with the unknowns is left out of the derivatives: the lag is
@@ -96,42 +101,27 @@ def refine_jointly(
     The paper has no such stage.  Variable projection: Golub & Pereyra 1973; the covariance is that
     of Newey & West 1987.
     """
-    _check.positive(focal, "focal", "pixels per radian")
+    of_type(tracks, "tracks", Tracks)
+    of_type(velocities, "velocities", VelocitySeries)
+    of_type(track, "track", VelocityTrack)
+    positive(focal, "focal", "pixels per radian")
     tracks = tracks.thinned(MOST)
     if len(tracks) < FEWEST:
         return None
-    problem = Problem(
-        tracks,
-        tracks.group,
-        world_motion(velocities, track),
-        lever,
-        SLOWEST / focal,
-        systematic.lag / focal,
-        systematic.lag_sd / focal,
-        float(np.hypot(yaw_rate_error(velocities, track), systematic.yaw_rate_sd)),
-    )
-    free = np.array([True, True, True, estimate_offset, True])
-    widest, search = WIDEST / focal, None
+    problem = _problem(tracks, velocities, track, focal, systematic, lever)
+    free, widest = np.array([True, True, True, estimate_offset, True]), WIDEST / focal
     grid = candidate_offsets(max_offset)
-    if estimate_offset:
-        wide = search_offsets(problem, R_body_cam, grid[::4], widest)
-        if wide is None:
-            return None
-        offset = float(wide.offsets[np.nanargmin(wide.mean)])
-    fit = solve(problem, R_body_cam, offset, free, widest)
+    start = _start(problem, R_body_cam, grid[::4], widest) if estimate_offset else offset
+    fit = None if start is None else solve(problem, R_body_cam, start, free, widest)
     if fit is None:
         return None
     problem, fit = checks.with_turning(problem, fit, free, widest)
     problem, fit, drift = checks.without_drift(problem, fit, free, widest)
     covariance, samples = covariance_of(problem, fit, free)
     covariance[:3, :3] += systematic.rotation_sd**2 * np.eye(3)
+    search = None
     if estimate_offset:
-        # Under the final loss, which is far narrower, other answers stand out.
-        search = search_offsets(problem, fit.R, grid[::2], fit.loss_scale)
-        near = search_offsets(
-            problem, fit.R, np.asarray(fit.offset + NEAR), fit.loss_scale, MOST_NEAR
-        )
-        width = _width(near, search, fit.offset)
+        search, width = _sharpness(problem, fit, grid[::2])
         sd = max(float(np.sqrt(covariance[3, 3])), 0.5 * width / GATE, jump_floor(track))
         covariance[3, 3] = sd**2 + systematic.time_sd**2
     return JointRefinement(
@@ -155,6 +145,43 @@ def refine_jointly(
         distortion=checks.distortion(problem, fit, free),
         turning=problem.yaw_rate_sd,
     )
+
+
+def _problem(
+    tracks: Tracks,
+    velocities: VelocitySeries,
+    track: VelocityTrack,
+    focal: float,
+    systematic: Systematic,
+    lever: tuple[float, float, float],
+) -> Problem:
+    """Return the problem in radians."""
+    return Problem(
+        tracks,
+        tracks.group,
+        world_motion(velocities, track),
+        lever,
+        slowest=SLOWEST / focal,
+        lag=systematic.lag / focal,
+        lag_sd=systematic.lag_sd / focal,
+        yaw_rate_sd=float(np.hypot(yaw_rate_error(velocities, track), systematic.yaw_rate_sd)),
+    )
+
+
+def _start(problem: Problem, R: Floats, offsets: Floats, widest: float) -> float | None:
+    """Return the offset that fits best under the widest loss; None with too few tracks."""
+    wide = search_offsets(problem, R, offsets, widest)
+    return None if wide is None else float(wide.offsets[np.nanargmin(wide.mean)])
+
+
+def _sharpness(problem: Problem, fit: Fit, offsets: Floats) -> tuple[Search | None, float]:
+    """Return the search under the final loss, and the width of the offsets that fit as well [s].
+
+    The final loss is far narrower than that of the start: other answers stand out.
+    """
+    wide = search_offsets(problem, fit.R, offsets, fit.loss_scale)
+    near = search_offsets(problem, fit.R, np.asarray(fit.offset + NEAR), fit.loss_scale, MOST_NEAR)
+    return wide, _width(near, wide, fit.offset)
 
 
 def _width(near: Search | None, wide: Search | None, offset: float) -> float:

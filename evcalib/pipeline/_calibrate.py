@@ -9,6 +9,8 @@ from dataclasses import asdict
 from itertools import chain
 from typing import Any
 
+import numpy as np
+
 from evcalib import checks
 from evcalib.alignment import Calibration, align
 from evcalib.camera import Camera
@@ -83,7 +85,8 @@ def calibrate(
     Raises
     ------
     InputError
-        If an input is unusable, there are too few headings, or the two clocks do not overlap.
+        If an input is of another type or unusable, there are too few headings, or the two clocks do
+        not overlap.
 
     Notes
     -----
@@ -97,11 +100,13 @@ def calibrate(
     offset.  A wrong wheel radius does nothing.
     """
     checks.one_of(refinement, "refinement", REFINEMENTS)
+    checks.of_type(camera, "camera", Camera)
+    checks.of_type(velocities, "velocities", VelocitySeries, BodyVelocities)
+    if isinstance(events, str | np.ndarray) or not isinstance(events, Iterable):
+        checks.of_type(events, "events", Events)
     lever = checks.floats((0.0, 0.0, 0.0) if camera_position is None else camera_position,
                           "camera_position", (3,))  # fmt: skip
     body = velocities.velocities if isinstance(velocities, BodyVelocities) else velocities
-    if not isinstance(body, VelocitySeries):
-        raise InputError(f"velocities must be a VelocitySeries, not {type(body).__name__}")
     timings: dict[str, float] = {}
     with _stage("headings", on_stage, timings):
         estimate = estimate_headings(
@@ -224,8 +229,8 @@ def _overlapping(
     events: Events | Iterable[Events], body: VelocitySeries, max_offset: float
 ) -> Events | Iterable[Events]:
     """Pass events on, unless the first ones come after the velocities end, at any offset."""
-    if isinstance(events, Events) or not isinstance(events, Iterable):
-        return events  # what is neither is refused where headings are estimated
+    if isinstance(events, Events):
+        return events
     pieces = iter(events)
     first = next(pieces, None)
     if isinstance(first, Events) and len(first):
