@@ -30,13 +30,19 @@ ABOUT_Z = 2
 """Row of the rotation about the body's Z axis."""
 
 SURE = 3.0
-"""Standard deviations by which an error of the model must show to be told."""
+"""Standard deviations by which an error of the model must show to be told.
+
+Chance goes beyond in one test of 370.  Of 410 simulated drives without such an error one had a
+doubt, of 303 with slip, focal length or principal point up to 5 % off 31 had: it tells large errors
+and cries no wolf (tests/campaign.csv: determined less confident).
+"""
 
 TURNS = 1.0
-"""Yaw rates are averaged over so much time [s]."""
+"""Yaw rates are averaged over so much time [s].  A choice: over less, noise hides small ones; over
+more, turns to and fro cancel."""
 
 TRIES = 4
-"""Most fits that take an error of the model in."""
+"""Most fits that take an error of the model in: a bound on time."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,23 +16,31 @@ from evcalib.series import bins
 OFFSET, LAG, YAW_RATE = 3, kernel.LAG, kernel.YAW_RATE
 
 LOSS_SCALE = 5.0
-"""Scale of Tukey's loss in standard deviations of an observation, per axis."""
+"""Scale of Tukey's loss in standard deviations of an observation, per axis.
+
+At 5 it keeps 94 % of the efficiency of least squares under normal noise in two dimensions (at 3,
+68 %; at 6, 97 %), from its integrals E[psi']^2 / E[psi^2].
+"""
 
 BIN, MEMORY = 0.1, 2.5
 """Gradients are summed over bins [s]; sums up to so far apart [s] count as dependent: corners live
-for most of a second, and so does the error of the odometry's integral."""
+for most of a second, and so does the error of the odometry's integral.  A choice, three times that;
+that intervals hold the truth is shown by test_the_stated_intervals_hold_the_truth and by
+tests/campaign.csv (2.2 % of confident results outside 95 %: rather too wide)."""
 
 STRETCH = 0.5
-"""A stretch of so much time [s] counts where any track starts in it."""
+"""A stretch of so much time [s] counts where any track starts in it.  A choice: gaps shorter than
+this do not lessen the samples."""
 
 PASSES = 100
-"""Most passes over the tracks."""
+"""Most passes over the tracks: a bound on time; `Fit.converged` tells whether it was met."""
 
 SMALL = 5e-6
-"""Largest of the last steps [rad, s]: a hundredth of what the data can tell."""
+"""Largest of the last steps [rad, s]: a hundredth of what the data can tell.  A drive and the same
+one backwards in time then agree to 0.2 mrad (tests/test_invariances.py)."""
 
 FARTHEST = 0.3
-"""Largest step [rad, s]."""
+"""Largest step [rad, s].  A choice: so far a linearisation still points the right way."""
 
 
 @dataclass(frozen=True, eq=False)

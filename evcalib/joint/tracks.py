@@ -13,9 +13,10 @@ from evcalib.series import bins
 SHORTEST = 2
 """Fewest observations after the first: two displacements of one corner can be compared."""
 
-
 STRETCH = 0.05
-"""Tracks that start within so much time [s] form a group."""
+"""Tracks that start within so much time [s] form a group, with one yaw-rate bias.  A choice:
+shorter than a track by far, so that noise of the yaw rate is followed, long enough for several
+corners."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,8 @@ from evcalib.kernels.jit import jit
 from evcalib.kernels.linalg import cross, dot
 
 NEAREST = 0.2
-"""Points that come nearer than this part of their first distance are not followed."""
+"""Points that come nearer than this part of their first distance are not fitted.  A choice: there
+1 / (1 - rho z) is at most 5, and a corner 2.5 m ahead is left for the last half metre to it."""
 
 VALUE, BY_YAW_RATE, FLOW = 0, 5, 6
 """Columns of what an observation holds: the value, derivatives by rotation (1 to 3), offset (4) and

@@ -37,7 +37,8 @@ LAG, YAW_RATE = 4, 5
 
 STEPS, FORGIVING, AGAIN = 8, 2, 3
 """Steps of a track's own fit, of which the first ones forgive outliers; and steps from an earlier
-fit, with its weights."""
+fit, with its weights.  Choices between time and exactness: twelve passes come within 1e-5 of the
+distance of an exact solver, or 1 % with outliers (tests/test_joint.py, against the slow twin)."""
 
 
 class Observations(NamedTuple):

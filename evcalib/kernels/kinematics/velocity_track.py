@@ -11,7 +11,8 @@ import numpy as np
 from evcalib.kernels.jit import jit
 
 INSTANT = 1e-6
-"""Intervals shorter than this [s] are instants: a mean over less is lost in rounding."""
+"""Intervals shorter than this [s] are instants: a mean over less is lost in rounding.  At a path of
+1 km, whose last bit is 1e-13 m, the mean over it is still right to 1e-7 m/s."""
 
 
 class Samples(NamedTuple):
