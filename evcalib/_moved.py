@@ -8,11 +8,14 @@ from __future__ import annotations
 import sys
 import warnings
 from collections.abc import Callable, Mapping, Sequence
+from functools import wraps
 from importlib import import_module
 from importlib.abc import Loader, MetaPathFinder
 from importlib.machinery import ModuleSpec
 from types import ModuleType
-from typing import Any
+from typing import Any, TypeVar
+
+T = TypeVar("T")
 
 MOVED = {
     "evcalib.authors": "evcalib.baselines.authors",
@@ -80,13 +83,14 @@ LEFT = {
 }
 """Folders with the name of an old module, and where names are that are public no more."""
 
-
 RENAMED = {
+    "evcalib.design._prediction.SIGHTINGS": "OBSERVATIONS",
+    "evcalib.kernels.joint.observation_model.sighting": "observe",
     "evcalib.alignment.offset.WIDE_REACHES": "WIDE_LOSS_SCALES",
     "evcalib.alignment.rotation.misfits": "cosine_residuals",
     "evcalib.alignment.rotation.tukey_reach": "tukey_scale",
 }
-"""Names that their new module has under another one."""
+"""Names that changed as well: the new module with the old name, and the new name."""
 
 
 def _intervals(headings: Any) -> Any:
@@ -159,6 +163,35 @@ def leftovers(folder: str) -> Callable[[str], Any]:
         return found
 
     return tell
+
+
+def renamed_fields(**new: str) -> Callable[[type[T]], type[T]]:
+    """Let a dataclass be made and read by old names of its fields, with a warning."""
+
+    def name_now(old: str) -> str:
+        text = f"{old} is called {new[old]} now"
+        warnings.warn(text, DeprecationWarning, stacklevel=3)
+        return new[old]
+
+    def reader(old: str) -> property:
+        return property(lambda self: getattr(self, name_now(old)))
+
+    def decorate(cls: type[T]) -> type[T]:
+        made = cls.__init__
+
+        @wraps(made)
+        def init(self: T, *args: Any, **named: Any) -> None:
+            for old in new.keys() & named.keys():
+                # `replace` also gives the present value by the new name: the old name counts.
+                named[name_now(old)] = named.pop(old)
+            made(self, *args, **named)
+
+        cls.__init__ = init  # type: ignore
+        for old in new:
+            setattr(cls, old, reader(old))
+        return cls
+
+    return decorate
 
 
 class _Finder(MetaPathFinder):

@@ -52,6 +52,32 @@ def one_of(value: str, name: str, choices: tuple[str, ...]) -> str:
     return value
 
 
+MAKERS = {
+    "Camera": "Camera(width, height, fx, fy, cx, cy) makes one,"
+    " data_tools.logs.camera_files.read_camera reads a file",
+    "Events": "Events(x, y, t, p, width, height) makes them,"
+    " data_tools.recordings.open_recording reads a file",
+    "Swerve": "evcalib.kinematics.Swerve(wheels) makes one,"
+    " data_tools.logs.vehicle_files.read_vehicle reads a file",
+    "Tracks": "evcalib.joint.tracks.tracks_of makes them of correspondences",
+    "VelocitySeries": "VelocitySeries(t, v) makes one,"
+    " data_tools.logs.series_files.read_velocities reads a file",
+    "VelocityTrack": "evcalib.kinematics.velocity_track.velocity_track makes one of velocities",
+    "WheelLog": "evcalib.kinematics.WheelLog(t, states) makes one,"
+    " data_tools.logs.wheel_logs.read_wheel_log reads a file",
+}
+"""How the types are made that functions ask for."""
+
+
+def of_type(value: object, name: str, *wanted: type) -> None:
+    """Refuse a value of another type, and say what makes one of the first type wanted."""
+    if not isinstance(value, wanted):
+        kinds = " or ".join(kind.__name__ for kind in wanted)
+        raise InputError(
+            f"{name} must be {kinds}, not {type(value).__name__}: {MAKERS[wanted[0].__name__]}"
+        )
+
+
 def positive(value: float, name: str, unit: str = "") -> float:
     """Return a finite number above zero."""
     number = float(value)

@@ -1,6 +1,6 @@
 """Slow twin of the joint refinement's kernel, and noise-free tracks of corners to feed it.
 
-The twin follows one track with generic tools: the motion of the body by trapezoids between all
+The twin fits one track with generic tools: the motion of the body by trapezoids between all
 corners of the velocity, the inverse distance and the common shift of a track by SciPy's optimisers.
 """
 
@@ -55,8 +55,8 @@ def plane_at(b):
 
 
 @dataclass
-class Sighted:
-    """A track in the terms of its plane; the anchor is the first sighting."""
+class Observed:
+    """A track in the terms of its plane; the anchor is the first observation."""
 
     y: np.ndarray
     displacement: np.ndarray
@@ -72,7 +72,7 @@ class Sighted:
         return self.y - self.predicted(rho)
 
 
-def sighted(motion, track, R_body_cam, offset, lever):
+def observed(motion, track, R_body_cam, offset, lever):
     """Return a track, the rows (r1, r2, t1, t2) of one corner, on the plane of its anchor."""
     r1, r2, t1, t2 = track
     b, axes = r1[0], plane_at(r1[0])
@@ -83,31 +83,31 @@ def sighted(motion, track, R_body_cam, offset, lever):
         seen = R1.T @ R2 @ ray
         y.append(axes @ seen / (b @ seen))
         displacement.append(R1.T @ (p2 - p1))
-    return Sighted(np.array(y), np.array(displacement), axes, b)
+    return Observed(np.array(y), np.array(displacement), axes, b)
 
 
 def flow(motion, track, R_body_cam, offset, lever, rho, step=1e-5):
     """Return the unit flow of a corner on its plane, by central differences over time."""
     r1, r2, t1, t2 = track
     moved = [
-        sighted(motion, (r1, r2, t1, t2 + h), R_body_cam, offset, lever).predicted(rho)
+        observed(motion, (r1, r2, t1, t2 + h), R_body_cam, offset, lever).predicted(rho)
         for h in (-step, step)
     ]
     change = moved[1][1:] - moved[0][1:]
     return change / np.linalg.norm(change, axis=1, keepdims=True)
 
 
-def tukey_loss(off, reach):
-    """Return reach^2 / 6 (1 - (1 - |off|^2 / reach^2)^3) of each row, at most reach^2 / 6."""
-    u = np.minimum(np.sum(off**2, axis=1) / reach**2, 1.0)
-    return reach**2 / 6 * (1 - (1 - u) ** 3)
+def tukey_loss(off, loss_scale):
+    """Return c^2 / 6 (1 - (1 - |off|^2 / c^2)^3) of each row, at most c^2 / 6, c the scale."""
+    u = np.minimum(np.sum(off**2, axis=1) / loss_scale**2, 1.0)
+    return loss_scale**2 / 6 * (1 - (1 - u) ** 3)
 
 
-def follow(track, reach, rho):
+def fit_tukey(track, loss_scale, rho):
     """Return inverse distance, residuals and loss where Tukey's loss is least near `rho`.
 
-    SciPy weighs squares by rho(z) of z = |residual|^2 / reach^2, per number; so the two numbers of
-    a sighting enter as one, its length.
+    SciPy weighs squares by rho(z) of z = |residual|^2 / loss_scale^2, per number; so the two
+    numbers of an observation enter as one, its length.
     """
 
     def lengths(unknowns):
@@ -119,14 +119,14 @@ def follow(track, reach, rho):
 
     start = [rho, *np.median(track.off(rho), axis=0)]
     found = least_squares(
-        lengths, start, loss=tukey, f_scale=reach, x_scale=[rho, reach, reach],
+        lengths, start, loss=tukey, f_scale=loss_scale, x_scale=[rho, loss_scale, loss_scale],
         ftol=1e-15, xtol=1e-15, gtol=1e-15,
     )  # fmt: skip
     off = track.off(found.x[0]) - found.x[1:]
-    return found.x[0], off, tukey_loss(off, reach).sum()
+    return found.x[0], off, tukey_loss(off, loss_scale).sum()
 
 
-def follow_squares(track):
+def fit_squares(track):
     """Return inverse distance and residuals by the search for the root of the plain squares."""
 
     def residuals(rho):
@@ -150,7 +150,7 @@ def made_tracks(
 ):  # fmt: skip
     """Make tracks of random corners, 1 to 6 m away, as a camera of `half_angle` sees them.
 
-    `kept` tells of which times [s] of the body's clock sightings are kept.
+    `kept` tells of which times [s] of the body's clock observations are kept.
     """
     motion, lever = Motion(velocities), np.asarray(lever)
     low, high = velocities.t[0] - offset, velocities.t[-1] - offset
@@ -178,9 +178,9 @@ def made_tracks(
 
 
 def spoiled(rng, tracks, *, noise=0.0, false=0.0, shift=0.15):
-    """Return tracks with noise [rad] per axis, anchors included, and a share of false sightings.
+    """Return tracks with noise [rad] per axis, anchors included, and a share of false observations.
 
-    False sightings are up to `shift` [rad] away per axis.
+    False observations are up to `shift` [rad] away per axis.
     """
     n, k = len(tracks.r2), len(tracks)
     anchors = moved(tracks.r1[tracks.first[:-1]], noise * rng.standard_normal((k, 2)))

@@ -152,6 +152,26 @@ def test_the_stages_one_by_one_give_the_papers_chain(run, sweep, calibrated, tmp
     assert (tmp_path / "h.csv").read_text() == (folder / "headings.csv").read_text()
 
 
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"events": Path("events.h5")}, r"events must be Events, not \w+Path: .*open_recording"),
+        ({"events": "events.h5"}, r"events must be Events, not str: "),
+        ({"events": np.zeros((9, 4))}, r"events must be Events, not ndarray: "),
+        ({"camera": np.eye(3)}, r"camera must be Camera, not ndarray: .*read_camera"),
+        (
+            {"velocities": np.zeros((9, 3))},
+            r"velocities must be VelocitySeries or BodyVelocities, not ndarray: .*read_velocities",
+        ),
+    ],
+)
+def test_a_wrong_type_is_told_with_what_makes_the_right_one(wrong, message):
+    still = VelocitySeries([0.0, 1.0], np.ones((2, 3)))
+    right = {"events": [], "camera": SMALL, "velocities": still}
+    with pytest.raises(InputError, match=message):
+        calibrate(**{**right, **wrong})
+
+
 @pytest.mark.parametrize("motion", ["straight", "arc"])
 def test_a_drive_that_cannot_answer_exits_with_3_and_says_why(
     run, tmp_path_factory, tmp_path, motion

@@ -25,7 +25,7 @@ def without_floor(prediction):
 def test_a_slow_s_curve_reaches_the_bound_of_its_headings():
     """Var(offset) = noise^2 per heading / sum (omega - mean)^2, the heading noise being s / v T."""
     drive, viewing = s_curve(24.0, amplitude=0.2, period=12.0, speed=0.5), Viewing()
-    # Displacements since the first sighting, less their mean, fix a direction as a line's slope
+    # Displacements since the first observation, less their mean, fix a direction as a line's slope
     # does: variance s^2 / (v^2 sum (t - mean t)^2) per corner, a new one every 0.6 s.
     t = STEP * np.arange(13)
     direction = viewing.step_sd**2 / (0.25 * np.sum((t - t.mean()) ** 2))
@@ -109,6 +109,8 @@ def test_likeness_does_not_depend_on_the_frame():
 
 
 def test_unusable_drives_are_refused():
+    with pytest.raises(InputError, match=r"velocities must be VelocitySeries, not ndarray: Velo"):
+        predict(np.zeros((50, 3)))
     with pytest.raises(InputError, match="at least"):
         predict(logged(straight(1.0)))
     still = VelocitySeries(np.arange(0, 5, 0.1), np.zeros((50, 3)))

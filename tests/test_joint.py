@@ -1,5 +1,7 @@
 """The joint refinement: its kernel against a slow twin, exactness, robustness, honest intervals."""
 
+import importlib
+import re
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -8,10 +10,11 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
+from evcalib import checks
 from evcalib.errors import InputError
 from evcalib.geometry import LOOKS_FORWARD, rotation_angle, rotation_vector_to_matrix
 from evcalib.joint import Systematic, refine_jointly
-from evcalib.joint._solver import Problem, begin, follow, slope_of_loss
+from evcalib.joint._solver import Problem, begin, linearise, slope_of_loss
 from evcalib.joint._world_motion import world_motion
 from evcalib.kinematics.velocity_track import velocity_track
 from evcalib.pipeline._assessment import offset_observable
@@ -20,7 +23,7 @@ from evcalib.uncertainty import rotation_radius, t_quantile
 
 FOCAL = 200.0
 PIXEL = 1.0 / FOCAL
-NONE = Systematic(lag=0.0, lag_sd=0.1, time_sd=0.0, rotation_sd=0.0, spin_sd=1e-4)
+NONE = Systematic(lag=0.0, lag_sd=0.1, time_sd=0.0, rotation_sd=0.0, yaw_rate_sd=1e-4)
 PINNED = replace(NONE, lag_sd=1e-4)
 R_BODY_CAM = rotation_vector_to_matrix([0.1, -0.2, 0.3]) @ LOOKS_FORWARD
 OFFSET = 0.13
@@ -54,18 +57,25 @@ def drive():
 def problem_of(tracks, velocities, lag=0.0):
     motion = world_motion(velocities, velocity_track(velocities, smooth=False))
     return Problem(
-        tracks, tracks.group, motion, LEVER, slowest=0.0, lag=lag, lag_sd=0.1 * PIXEL, spin_sd=1e-3
+        tracks,
+        tracks.group,
+        motion,
+        LEVER,
+        slowest=0.0,
+        lag=lag,
+        lag_sd=0.1 * PIXEL,
+        yaw_rate_sd=1e-3,
     )
 
 
-def followed(
-    tracks, velocities, R=R_BODY_CAM, offset=OFFSET, *, lag=0.0, spin=0.0, reach=1e3, passes=12
+def linearised(
+    tracks, velocities, R=R_BODY_CAM, offset=OFFSET, *, lag=0.0, bias=0.0, loss_scale=1e3, passes=12
 ):
     problem = problem_of(tracks, velocities, lag)
-    fit = begin(problem, R, offset, reach)
-    fit.spin[:] = spin
+    fit = begin(problem, R, offset, loss_scale)
+    fit.yaw_rate_bias[:] = bias
     for _ in range(passes):
-        follow(problem, fit)
+        linearise(problem, fit)
     return fit
 
 
@@ -78,16 +88,16 @@ OFF_OFFSET = OFFSET + 0.02
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_tracks_are_followed_as_the_slow_twin_follows_them(drive, seed):
+def test_tracks_are_fitted_as_the_slow_twin_fits_them(drive, seed):
     """All weights one: inverse distance, mean and residuals of plain least squares."""
     velocities, tracks = drive
     tracks = naive.spoiled(np.random.default_rng(seed), tracks, noise=0.5 * PIXEL)
-    fit = followed(tracks, velocities, OFF_R, OFF_OFFSET)
+    fit = linearised(tracks, velocities, OFF_R, OFF_OFFSET)
     motion, compared = naive.Motion(velocities), 0
     covered = tracks.end + OFF_OFFSET < velocities.t[-1]
     for k in np.flatnonzero((fit.distances > 0) & covered)[seed::12]:
-        mine = naive.sighted(motion, naive.rows_of(tracks, k), OFF_R, OFF_OFFSET, LEVER)
-        rho, residuals = naive.follow_squares(mine)
+        mine = naive.observed(motion, naive.rows_of(tracks, k), OFF_R, OFF_OFFSET, LEVER)
+        rho, residuals = naive.fit_squares(mine)
         assert fit.distances[k] == pytest.approx(rho, rel=1e-5, abs=1e-6)
         assert fit.residuals[rows(tracks, k)] == pytest.approx(residuals[1:], abs=1e-9)
         compared += 1
@@ -102,13 +112,13 @@ def test_outliers_are_weighed_as_the_slow_twin_weighs_them(drive):
     velocities, tracks = drive
     rng = np.random.default_rng(2)
     tracks = naive.spoiled(rng, tracks, noise=0.4 * PIXEL, false=0.1, shift=0.08)
-    reach = 5.0 * PIXEL
-    fit = followed(tracks, velocities, reach=reach)
+    loss_scale = 5.0 * PIXEL
+    fit = linearised(tracks, velocities, loss_scale=loss_scale)
     motion, out = naive.Motion(velocities), 0
     for k in np.flatnonzero(fit.distances > 0)[::10]:
-        mine = naive.sighted(motion, naive.rows_of(tracks, k), R_BODY_CAM, OFFSET, LEVER)
-        rho, off, loss = naive.follow(mine, reach, fit.distances[k])
-        weights = np.maximum(1 - np.sum(off**2, axis=1) / reach**2, 0) ** 2
+        mine = naive.observed(motion, naive.rows_of(tracks, k), R_BODY_CAM, OFFSET, LEVER)
+        rho, off, loss = naive.fit_tukey(mine, loss_scale, fit.distances[k])
+        weights = np.maximum(1 - np.sum(off**2, axis=1) / loss_scale**2, 0) ** 2
         assert fit.losses[k] == pytest.approx(loss, rel=1e-3)
         assert fit.distances[k] == pytest.approx(rho, rel=1e-2)
         assert fit.weights[rows(tracks, k)] == pytest.approx(weights[1:], abs=0.02)
@@ -116,13 +126,13 @@ def test_outliers_are_weighed_as_the_slow_twin_weighs_them(drive):
     assert out > 5
 
 
-def test_a_lag_shifts_each_sighting_back_along_its_flow(drive):
+def test_a_lag_shifts_each_observation_back_along_its_flow(drive):
     velocities, tracks = drive
     lag, motion = 0.3 * PIXEL, naive.Motion(velocities)
-    plain, lagging = followed(tracks, velocities), followed(tracks, velocities, lag=lag)
+    plain, lagging = linearised(tracks, velocities), linearised(tracks, velocities, lag=lag)
     for k in range(0, len(tracks), 30):
         rho, mine = lagging.distances[k], naive.rows_of(tracks, k)
-        track = naive.sighted(motion, mine, R_BODY_CAM, OFFSET, LEVER)
+        track = naive.observed(motion, mine, R_BODY_CAM, OFFSET, LEVER)
         flow = naive.flow(motion, mine, R_BODY_CAM, OFFSET, LEVER, rho)
         # The anchor flows as it would if it were seen again at once.
         anchor = tuple(part[:1] for part in (mine[0], mine[0], mine[2], mine[2]))
@@ -137,18 +147,18 @@ def losses_at(change, tracks, velocities, lag):
     """The loss of each track with the six unknowns moved."""
     R = rotation_vector_to_matrix(change[:3]) @ OFF_R
     offset, lag = OFF_OFFSET + change[3], lag + change[4]
-    return followed(tracks, velocities, R, offset, lag=lag, spin=change[5], reach=0.2).losses
+    return linearised(tracks, velocities, R, offset, lag=lag, bias=change[5], loss_scale=0.2).losses
 
 
 @pytest.mark.parametrize(("lag", "tolerance"), [(0.0, 1e-5), (0.2 * PIXEL, 0.25)])
-def test_the_scores_are_the_derivatives_of_the_losses(drive, lag, tolerance):
+def test_the_gradients_are_the_derivatives_of_the_losses(drive, lag, tolerance):
     """Exact without lag; the change of the flow's direction is left out on purpose.
 
     Tracks that start or end just at a sample of the odometry are at a kink and do not count.
     """
     velocities, tracks = drive
     tracks = naive.spoiled(np.random.default_rng(3), tracks, noise=0.5 * PIXEL)
-    scores = followed(tracks, velocities, OFF_R, OFF_OFFSET, lag=lag, reach=0.2).scores
+    gradients = linearised(tracks, velocities, OFF_R, OFF_OFFSET, lag=lag, loss_scale=0.2).gradients
     for k in range(6):
         if k == 4 and lag == 0:
             continue
@@ -156,31 +166,52 @@ def test_the_scores_are_the_derivatives_of_the_losses(drive, lag, tolerance):
         high, low = (losses_at(h, tracks, velocities, lag) for h in (step, -step))
         wanted = (high - low) / 2e-5
         size = np.sqrt(np.mean(wanted**2))
-        assert np.quantile(np.abs(scores[:, k] - wanted), 0.99) < tolerance * size
+        assert np.quantile(np.abs(gradients[:, k] - wanted), 0.99) < tolerance * size
 
 
 def test_the_information_is_the_curvature_of_the_losses_at_the_truth(drive):
     velocities, tracks = drive
-    information, step = followed(tracks, velocities).information.sum(axis=0), 1e-4
+    information, step = linearised(tracks, velocities).information.sum(axis=0), 1e-4
     for k in range(4):
         total = 0.0
         for h in (-step, step):
             change = np.zeros(4)
             change[k] = h
             R = rotation_vector_to_matrix(change[:3]) @ R_BODY_CAM
-            total += followed(tracks, velocities, R, OFFSET + change[3], reach=0.2).losses.sum()
+            total += linearised(
+                tracks, velocities, R, OFFSET + change[3], loss_scale=0.2
+            ).losses.sum()
         # Half a square is lost per side, and at the truth nothing.
         assert total / step**2 == pytest.approx(information[k, k], rel=1e-3)
 
 
-def test_what_the_odometry_does_not_cover_is_not_followed(drive):
+def test_what_the_odometry_does_not_cover_is_not_linearised(drive):
     velocities, tracks = drive
-    fit = followed(tracks, velocities, offset=OFFSET + 2.0, reach=0.1)
+    fit = linearised(tracks, velocities, offset=OFFSET + 2.0, loss_scale=0.1)
     lost = tracks.start + OFFSET + 2.0 > velocities.t[-1]
     assert lost.any()
     assert fit.losses[lost] == pytest.approx(tracks.length[lost] * 0.1**2 / 6)
-    assert (fit.scores[lost] == 0).all()
+    assert (fit.gradients[lost] == 0).all()
     assert (fit.weights[np.repeat(lost, tracks.length)] == 0).all()
+
+
+def test_a_wrong_type_is_told_with_what_makes_the_right_one(drive):
+    velocities, tracks = drive
+    right = {"tracks": tracks, "velocities": velocities, "track": velocity_track(velocities)}
+    for name, kind in zip(right, ("Tracks", "VelocitySeries", "VelocityTrack"), strict=True):
+        with pytest.raises(InputError, match=f"{name} must be {kind}, not ndarray: .* makes? "):
+            refine_jointly(
+                **{**right, name: np.zeros(3)}, R_body_cam=R_BODY_CAM, offset=0.0, focal=FOCAL
+            )
+
+
+@pytest.mark.parametrize("text", checks.MAKERS.values())
+def test_what_makes_a_type_is_there(text):
+    names = re.findall(r"(?:evcalib|data_tools)[.\w]+", text)
+    assert names
+    for name in names:
+        module, _, function = name.rpartition(".")
+        assert callable(getattr(importlib.import_module(module), function))
 
 
 START = rotation_vector_to_matrix([0.05, 0.02, -0.04]) @ R_BODY_CAM
@@ -207,7 +238,7 @@ def test_noise_free_tracks_give_the_truth(name):
     assert found.converged
 
 
-def test_nothing_is_followed_across_gaps_of_the_odometry():
+def test_nothing_is_linearised_across_gaps_of_the_odometry():
     whole = swinging(10.0)
     keep = (np.abs(whole.t - 3.0) > 0.3) & (np.abs(whole.t - 6.5) > 0.5)
     gappy = whole.select(keep)
@@ -218,7 +249,7 @@ def test_nothing_is_followed_across_gaps_of_the_odometry():
     assert found.inlier_share < 0.95
 
 
-def test_a_circle_is_followed_in_closed_form():
+def test_a_circle_is_met_in_closed_form():
     """Independent of the twin's integrals: a body that turns at a steady rate on a circle."""
     rate, speed = 0.5, 0.6
     t = np.arange(0, 6, 0.002)
@@ -253,8 +284,8 @@ def test_a_circle_is_followed_in_closed_form():
 
 
 @pytest.mark.parametrize("seed", [7, 8, 9])
-def test_false_sightings_do_no_harm(drive, seed):
-    """Nearly a third of all sightings is up to 30 px away from where it should be."""
+def test_false_observations_do_no_harm(drive, seed):
+    """Nearly a third of all observations is up to 30 px away from where it should be."""
     velocities, clean = drive
     rng = np.random.default_rng(seed)
     tracks = naive.spoiled(rng, clean, noise=0.4 * PIXEL, false=0.3)
@@ -266,11 +297,11 @@ def test_false_sightings_do_no_harm(drive, seed):
 
 
 def test_the_lag_is_found():
-    """Each sighting trails by 0.6 px along its own flow, the prior allows for 0.5 px."""
+    """Each observation trails by 0.6 px along its own flow, the prior allows for 0.5 px."""
     velocities, rng = swinging(), np.random.default_rng(8)
     tracks = naive.made_tracks(rng, velocities, R_BODY_CAM, OFFSET, lever=LEVER, count=120)
     motion, lag = naive.Motion(velocities), 0.6 * PIXEL
-    distances = np.repeat(followed(tracks, velocities).distances, tracks.length)
+    distances = np.repeat(linearised(tracks, velocities).distances, tracks.length)
 
     def trailing(rays, times):
         """The flow of a corner as it is seen at an instant, by the distance at its anchor."""
@@ -316,8 +347,8 @@ def test_a_yaw_rate_that_is_off_is_estimated_along():
     rng = np.random.default_rng(14)
     tracks = naive.made_tracks(rng, velocities, R_BODY_CAM, OFFSET, lever=LEVER, count=300)
     biased = VelocitySeries(velocities.t, velocities.v, velocities.yaw_rate + 0.02)
-    found = refined(tracks, biased, systematic=replace(NONE, spin_sd=0.03))
-    ignored = refined(tracks, biased, systematic=replace(NONE, spin_sd=1e-6))
+    found = refined(tracks, biased, systematic=replace(NONE, yaw_rate_sd=0.03))
+    ignored = refined(tracks, biased, systematic=replace(NONE, yaw_rate_sd=1e-6))
     turn, ignorant = (rotation_angle(f.R_body_cam, R_BODY_CAM) for f in (found, ignored))
     assert abs(found.offset - OFFSET) < 1e-3
     assert turn < np.radians(0.1)
@@ -440,19 +471,19 @@ def test_a_focal_length_must_be_positive(noisy, focal):
         refined(tracks, velocities, focal=focal)
 
 
-@pytest.mark.parametrize("reach", [2.5, 5.0])
-def test_the_bend_of_the_loss_is_that_of_its_second_derivative(reach):
+@pytest.mark.parametrize("loss_scale", [2.5, 5.0])
+def test_the_bend_of_the_loss_is_that_of_its_second_derivative(loss_scale):
     """For normal residuals: the mean of psi' over that of the weight, by central differences."""
     rng, h = np.random.default_rng(15), 1e-4
     off = rng.standard_normal((200_000, 2))
 
     def psi(r):
-        u = np.minimum(np.sum(r**2, axis=1) / reach**2, 1.0)
+        u = np.minimum(np.sum(r**2, axis=1) / loss_scale**2, 1.0)
         return (1 - u) ** 2 * r[:, 0]
 
     slope = np.mean(psi(off + [h, 0]) - psi(off - [h, 0])) / (2 * h)
-    weights = (1 - np.minimum(np.sum(off**2, axis=1) / reach**2, 1.0)) ** 2
-    fit = SimpleNamespace(residuals=off, weights=weights, reach=reach)
+    weights = (1 - np.minimum(np.sum(off**2, axis=1) / loss_scale**2, 1.0)) ** 2
+    fit = SimpleNamespace(residuals=off, weights=weights, loss_scale=loss_scale)
     assert slope_of_loss(fit) == pytest.approx(slope / weights.mean(), rel=0.02)
 
 

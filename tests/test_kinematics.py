@@ -404,6 +404,14 @@ def test_speeds_in_wrong_units_are_refused():
         body_velocities(WheelLog([0.0, 0.1], WheelStates(np.full((2, 4), 400.0))), vehicle)
 
 
+def test_a_wrong_type_is_told_with_what_makes_the_right_one():
+    vehicle, log = drive_with_faults()
+    with pytest.raises(InputError, match=r"wheel_log must be WheelLog, not str: .*read_wheel_log"):
+        body_velocities("wheels.csv", vehicle)
+    with pytest.raises(InputError, match="vehicle must be Swerve or Mecanum or Omni, not dict: "):
+        body_velocities(log, {"type": "mecanum"})
+
+
 def test_vehicles_are_values():
     assert Swerve(CORNERS) == Swerve(list(CORNERS))
     assert hash(KIWI) == hash(Omni(KIWI.wheels))

@@ -3,6 +3,7 @@
 import importlib
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ import data_tools
 import evcalib
 from data_tools._moved import MOVED as MOVED_DATA_TOOLS
 from evcalib._moved import LEFT, MOVED
+from evcalib.joint import Systematic
 
 OLD = [line.split() for line in Path(__file__).with_name("old_paths.txt").read_text().splitlines()]
 
@@ -84,6 +86,19 @@ def test_unknown_names_are_still_unknown():
         evcalib.joint.nothing  # noqa: B018
     with pytest.raises(ModuleNotFoundError):
         importlib.import_module("data_tools.nothing")
+
+
+@pytest.mark.parametrize(
+    "use",
+    [
+        lambda: Systematic(spin_sd=0.3).yaw_rate_sd,
+        lambda: replace(Systematic(), spin_sd=0.3).yaw_rate_sd,
+        lambda: Systematic(yaw_rate_sd=0.3).spin_sd,
+    ],
+)
+def test_a_field_is_found_by_its_old_name(use):
+    with pytest.warns(DeprecationWarning, match="spin_sd is called yaw_rate_sd now"):
+        assert use() == 0.3
 
 
 def test_the_warning_names_the_line_of_the_user(tmp_path):

@@ -22,7 +22,7 @@ def correspondences(rows):
     return Correspondences(r1, r2, t1, t2, whole == 0, whole, whole)
 
 
-def test_sightings_of_one_corner_become_a_track():
+def test_observations_of_one_corner_become_a_track():
     rows = [
         (1, 0.2, 0.5),
         (2, 0.1, 0.4),
@@ -55,7 +55,7 @@ row = st.tuples(st.integers(0, 4), st.integers(0, 3), st.integers(1, 4))
 
 @settings(deadline=None, max_examples=100)
 @given(st.lists(row, min_size=1, max_size=40), st.integers(1, 3), st.randoms())
-def test_tracks_hold_every_sighting_that_is_not_alone(rows, shortest, random):
+def test_tracks_hold_every_observation_that_is_not_alone(rows, shortest, random):
     """Against a dictionary; the order of the rows does not matter."""
     rows = [(corner, 0.1 * a, 0.1 * (a + b)) for corner, a, b in rows]
     random.shuffle(rows)

@@ -15,7 +15,14 @@ from evcalib.alignment.offset_refinement import refine_offset
 from evcalib.kernels.uncertainty import noise as kernel
 from evcalib.kinematics.velocity_track import velocity_track
 from evcalib.series import HeadingSeries
-from evcalib.uncertainty import UNKNOWN, NoiseModel, joint_covariance, rotation_radius, t_quantile
+from evcalib.uncertainty import (
+    UNKNOWN,
+    NoiseModel,
+    joint_covariance,
+    peak_of_parabola,
+    rotation_radius,
+    t_quantile,
+)
 from evcalib.uncertainty._noise import fit_noise
 
 shares, memories = st.floats(0, 1), st.floats(0.01, 10)
@@ -263,6 +270,14 @@ def test_the_offsets_quantile_is_students():
 
 
 # Bootstrap --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("limit", "at"), [(1.0, 0.3), (0.2, 0.2)])
+def test_the_peak_of_a_parabola_is_its_vertex(limit, at):
+    x = np.array([-1.0, -0.4, 0.1, 0.6, 1.0])
+    assert peak_of_parabola(x, 2 - 3 * (x - 0.3) ** 2, limit) == pytest.approx((at, -6.0))
+    assert peak_of_parabola(-x, 2 - 3 * (x - 0.3) ** 2, limit) == pytest.approx((-at, -6.0))
+    assert peak_of_parabola(x, 3 * (x - 0.3) ** 2, limit) == pytest.approx((0.0, 6.0))
 
 
 def bootstrapped(seed, drive=None, noise=None):

@@ -13,7 +13,7 @@ from evcalib.alignment.offset_refinement import RefinedOffset
 from evcalib.alignment.rotation import tukey_scale
 from evcalib.arrays import Floats
 from evcalib.series import bins
-from evcalib.uncertainty import NoiseModel
+from evcalib.uncertainty import NoiseModel, peak_of_parabola
 
 DRAWS = 200
 """Number of resamples: they give a standard deviation to 5 % (one over the root of twice as
@@ -44,7 +44,7 @@ def bootstrap(
         times = np.bincount(rng.integers(count, size=count), minlength=count)[block]
         drawn = pair.drawn(times)
         score, _, rotations = drawn.profile(refined.offset + steps, np.array([0.5, scale, scale]))
-        errors[draw, 3] = _vertex(steps, score, int(np.argmax(score)))
+        errors[draw, 3] = _peak(steps, score)
         nearest = int(np.argmin(np.abs(steps - errors[draw, 3])))
         errors[draw, :3] = _rotation_vector(rotations[nearest] @ refined.R_body_cam.T)
     return np.cov(errors.T)
@@ -60,12 +60,10 @@ def sampling_floor(pair: StreamPair) -> float:
     return float(np.hypot(*steps) / np.sqrt(12))
 
 
-def _vertex(steps: Floats, score: Floats, peak: int) -> float:
-    near = np.abs(steps - steps[peak]) <= 0.05 + 1e-9
-    a, b, _ = np.polyfit(steps[near] - steps[peak], score[near], 2)
-    if a >= 0:
-        return float(steps[peak])
-    return float(steps[peak] + np.clip(-b / (2 * a), -0.05, 0.05))
+def _peak(steps: Floats, score: Floats, near: float = 0.05) -> float:
+    top = steps[int(np.argmax(score))]
+    around = np.abs(steps - top) <= near + 1e-9
+    return float(top) + peak_of_parabola(steps[around] - top, score[around], near)[0]
 
 
 def _rotation_vector(R: Floats) -> Floats:

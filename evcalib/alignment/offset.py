@@ -19,6 +19,7 @@ from evcalib.errors import InputError
 from evcalib.kernels.alignment import offset as kernel
 from evcalib.kinematics.velocity_track import VelocityTrack
 from evcalib.series import HeadingSeries
+from evcalib.uncertainty import peak_of_parabola
 
 METHODS = ("profile", "trace", "canonical", "scalar", "none")
 
@@ -217,11 +218,9 @@ def _subgrid_peak(offsets: Floats, score: Floats, peak: int, reach: int = 5) -> 
     window = window[np.isfinite(score[window])]
     if window.size < 4:
         return float(offsets[peak])
-    a, b, _ = np.polyfit(offsets[window] - offsets[peak], score[window], 2)
-    if a >= 0:
-        return float(offsets[peak])
     limit = reach * (offsets[1] - offsets[0])
-    return float(offsets[peak] + np.clip(-b / (2 * a), -limit, limit))
+    move, _ = peak_of_parabola(offsets[window] - offsets[peak], score[window], limit)
+    return float(offsets[peak] + move)
 
 
 def _at_edge(score: Floats, peak: int) -> bool:

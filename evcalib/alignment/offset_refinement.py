@@ -13,6 +13,7 @@ from evcalib.arrays import Flags, Floats
 from evcalib.kernels.alignment import offset as kernel
 from evcalib.kinematics.velocity_track import VelocityTrack
 from evcalib.series import HeadingSeries
+from evcalib.uncertainty import peak_of_parabola
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,11 +76,9 @@ def refine_offset(
         use = totals >= MIN_OVERLAP * totals.max()
         if use.sum() < 5 or totals.max() == 0:
             break
-        a, b, _ = np.polyfit(steps[use], score[use], 2)
-        curvature = 2 * a
-        if a >= 0:
+        move, curvature = peak_of_parabola(steps[use], score[use], window)
+        if curvature >= 0:
             break
-        move = float(np.clip(-b / (2 * a), -window, window))
         offset += move
         R, mixture = _at(pair, offset, scales)
         if abs(move) < 1e-3 * window:

@@ -20,19 +20,25 @@ from evcalib.joint import SYSTEMATIC
 from evcalib.series import VelocitySeries
 
 STEP = 0.05
-"""Time from one sighting of a corner to the next [s]."""
+"""Time from one observation of a corner to the next [s]: that of headings at 20 Hz."""
 
-SIGHTINGS = 12
-"""A corner is seen so often after its first sighting: for 0.6 s."""
+OBSERVATIONS = 12
+"""A corner is seen so often after its first observation: for 0.6 s."""
 
 REPEATS = 0.97
-"""A drive that is so like itself, some time later, may be taken for itself."""
+"""A drive that is so like itself, some time later, may be taken for itself.
+
+Zigzags and curves that repeat themselves within the search come to 1.00, the course's other drives
+to 0.90 at most (`Prediction.likeness`; test_a_fast_zigzag_repeats_itself_half_a_period_on).
+"""
 
 ROTATION_GATE = float(np.radians(5.0))
-"""An axis about which the rotation stays less sure than this [rad] counts as not shown."""
+"""An axis about which the rotation stays less sure than this [rad] counts as not shown.  A choice:
+a third of what a calibration calls undetermined, as a bound is never reached."""
 
 SHARP = 0.9
-"""What is less like itself than this in between is another peak."""
+"""What is less like itself than this in between is another peak.  A choice: a peak then stands out
+by more than `REPEATS` asks for."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +50,7 @@ class Viewing:
     focal : float
         Pixels per radian.
     noise : float
-        Standard deviation of a sighting per axis [px].
+        Standard deviation of an observation per axis [px].
     corners : float
         Corners in view whose errors are independent.
     distance : float
@@ -155,12 +161,12 @@ def predict(
     Returns
     -------
     Prediction
-        With what all sightings share (`evcalib.joint.SYSTEMATIC`) added.
+        With what all observations share (`evcalib.joint.SYSTEMATIC`) added.
 
     Raises
     ------
     InputError
-        If the drive is shorter than corners live, or does not move.
+        If this is no drive, or it is shorter than corners live, or does not move.
 
     Examples
     --------
@@ -172,10 +178,11 @@ def predict(
     Notes
     -----
     Cramer & Rao's bound of the model ``y_i = d_i / Z + mean + noise``: displacements ``d_i`` since
-    the first sighting, an unknown distance ``Z`` and mean for each corner.  The rotation is known
-    to half a turn beforehand, the offset to the width of the search.  The camera keeps its
+    the first observation, an unknown distance ``Z`` and mean for each corner.  The rotation is
+    known to half a turn beforehand, the offset to the width of the search.  The camera keeps its
     heading; yaw rates are not looked at.
     """
+    checks.of_type(velocities, "velocities", VelocitySeries)
     checks.positive(max_offset, "max_offset", "seconds")
     information = _information(velocities, viewing.step_sd, speed)
     information += np.diag([np.pi**-2] * 3 + [max_offset**-2])
@@ -252,17 +259,17 @@ def _repeats(shifts: Floats, likeness: Floats) -> bool:
 def _information(velocities: VelocitySeries, sd: float, speed: bool) -> Floats:
     """Return the information (4, 4) on the rotation vector and the offset."""
     t = np.arange(velocities.t[0], velocities.t[-1] + 1e-9, STEP)
-    if t.size < 2 * SIGHTINGS:
+    if t.size < 2 * OBSERVATIONS:
         raise InputError(
             f"the drive lasts {velocities.t[-1] - velocities.t[0]:.2f} s; at least"
-            f" {2 * SIGHTINGS * STEP:g} s are needed"
+            f" {2 * OBSERVATIONS * STEP:g} s are needed"
         )
     v = np.stack([np.interp(t, velocities.t, column) for column in velocities.v.T], axis=1)
     if not np.any(v):
         raise InputError("the drive does not move")
     path = np.zeros_like(v)
     path[1:] = np.cumsum(0.5 * (v[1:] + v[:-1]) * STEP, axis=0)
-    rows = np.add.outer(np.arange(t.size - SIGHTINGS), np.arange(SIGHTINGS + 1))
+    rows = np.add.outer(np.arange(t.size - OBSERVATIONS), np.arange(OBSERVATIONS + 1))
     d = path[rows] - path[rows[:, :1]]
     # How each displacement changes with rotation (of the camera), offset and scale.
     slopes = [np.cross(d, axis) for axis in np.eye(3)] + [v[rows] - v[rows[:, :1]], d]
@@ -276,4 +283,4 @@ def _information(velocities: VelocitySeries, sd: float, speed: bool) -> Floats:
     scale = whole[:, 4:, 4:]
     share = whole[:, :4, 4:] / np.maximum(scale, 1e-12)
     # A new corner comes into view when an old one leaves it.
-    return (whole[:, :4, :4] - share * whole[:, 4:, :4]).sum(axis=0) / SIGHTINGS
+    return (whole[:, :4, :4] - share * whole[:, 4:, :4]).sum(axis=0) / OBSERVATIONS

@@ -1,4 +1,4 @@
-"""All sightings of all corners to rotation and offset at once."""
+"""All observations of all corners to rotation and offset at once."""
 
 from evcalib._moved import leftovers
 from evcalib.joint._model_checks import SURE

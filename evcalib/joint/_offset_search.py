@@ -9,27 +9,30 @@ import numpy as np
 from evcalib.alignment import MIN_OVERLAP
 from evcalib.alignment.offset import OffsetCurve, second_peak_ratio
 from evcalib.arrays import Flags, Floats, Integers
-from evcalib.joint._solver import Problem, begin, follow, step
+from evcalib.joint._solver import Problem, begin, linearise, step
 
 MOST_SEARCHED = 6_000
-"""Sightings that enter the search."""
+"""Observations that enter the search over all offsets.  A choice of speed: the fit begins at its
+best candidate and uses more."""
 
 FEWEST = 50
-"""Tracks without which there is no joint refinement."""
+"""Tracks without which there is no joint refinement.  A choice: five corners in view give some 270
+in nine seconds (tests/unchanged.py, few and bad), so that less is hardly a drive."""
 
 STRETCH = 0.5
-"""Losses are compared over stretches of time [s]."""
+"""Losses are compared over stretches of time [s], about as long as corners are seen, so that only
+neighbours share any."""
 
 GATE = 2.0
-"""Standard errors within which another offset fits as well."""
+"""Standard errors within which another offset fits as well: those of 95 % of a normal error."""
 
 
 @dataclass(frozen=True, eq=False)
 class Search:
     """Losses of some tracks over the candidate offsets.
 
-    `losses` (k, m) [rad^2], NaN where the odometry does not cover a track; `length` (k,) sightings;
-    `stretch` (k,) numbers the stretch of time that each starts in.
+    `losses` (k, m) [rad^2], NaN where the odometry does not cover a track; `length` (k,) counts
+    observations; `stretch` (k,) numbers the stretch of time that each starts in.
     """
 
     offsets: Floats
@@ -39,7 +42,7 @@ class Search:
 
     @property
     def mean(self) -> Floats:
-        """Mean loss of a sighting at each candidate; NaN where few are covered."""
+        """Mean loss of an observation at each candidate; NaN where few are covered."""
         known = np.isfinite(self.losses)
         count = self.length @ known
         total = np.where(known, self.losses, 0.0).sum(axis=0)
@@ -96,10 +99,10 @@ def _reach(more: Floats, gate: Floats, known: Flags) -> float:
 
 
 def search_offsets(
-    problem: Problem, R: Floats, offsets: Floats, reach: float, most: int = MOST_SEARCHED
+    problem: Problem, R: Floats, offsets: Floats, loss_scale: float, most: int = MOST_SEARCHED
 ) -> Search | None:
-    """Follow some tracks at each candidate, with the best rotation there."""
-    tracks, t = problem.tracks.thinned(most), problem.motion[0]
+    """Compare offsets by the losses of some tracks at each, with the best rotation there."""
+    tracks, t = problem.tracks.thinned(most), problem.motion.t
     covered = np.add.outer(tracks.start, offsets) >= t[0]
     covered &= np.add.outer(tracks.end, offsets) <= t[-1]
     if covered.sum(axis=0).max() < FEWEST:
@@ -109,25 +112,25 @@ def search_offsets(
     for k, offset in enumerate(offsets):
         if not covered[:, k].any():
             continue
-        fit = begin(part, R, float(offset), reach)
+        fit = begin(part, R, float(offset), loss_scale)
         for _ in range(2):
-            follow(part, fit)
+            linearise(part, fit)
             step(part, fit, free)
-        follow(part, fit)
+        linearise(part, fit)
         losses[:, k] = np.where(covered[:, k], fit.losses, np.nan)
     return Search(offsets, losses, tracks.length.astype(np.float64), tracks.stretch(STRETCH))
 
 
 def curve_of(search: Search, found: float, max_offset: float, worst: float) -> OffsetCurve:
-    """Return the search as scores: 1 where all sightings are met, 0 where all are outliers."""
-    score = 1.0 - search.mean / worst
+    """Return the search as an objective: 1 where all is met, 0 where all are outliers."""
+    objective = 1.0 - search.mean / worst
     count = search.length @ np.isfinite(search.losses)
     return OffsetCurve(
         method="tracks",
         offsets=search.offsets,
-        score=score,
+        score=objective,
         overlap=count / max(float(search.length.sum()), 1.0),
         offset=found,
-        second_peak_ratio=second_peak_ratio(score, int(np.nanargmax(score))),
+        second_peak_ratio=second_peak_ratio(objective, int(np.nanargmax(objective))),
         at_edge=abs(found) > max_offset,
     )

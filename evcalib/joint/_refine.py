@@ -1,7 +1,7 @@
-"""Rotation and offset from all sightings of all corners at once.
+"""Rotation and offset from all observations of all corners at once.
 
 Headings tell only which way the camera went.  A corner that is seen again and again tells more: by
-how much further it moves from one sighting to the next, up to its unknown distance.  So not only
+how much further it moves from one observation to the next, up to its unknown distance.  So not only
 turns of the motion show the offset, but every change of speed.
 """
 
@@ -9,32 +9,37 @@ from __future__ import annotations
 
 import numpy as np
 
-from evcalib import checks as _check
 from evcalib.alignment.offset import candidate_offsets
 from evcalib.arrays import Floats
+from evcalib.checks import of_type, positive
 from evcalib.joint import _model_checks as checks
 from evcalib.joint._offset_search import FEWEST, GATE, Search, curve_of, search_offsets
 from evcalib.joint._result import SYSTEMATIC, JointRefinement, Systematic
-from evcalib.joint._solver import Problem, covariance_of, solve
+from evcalib.joint._solver import Fit, Problem, covariance_of, solve
 from evcalib.joint._world_motion import jump_floor, world_motion, yaw_rate_error
 from evcalib.joint.tracks import Tracks
 from evcalib.kinematics.velocity_track import VelocityTrack
 from evcalib.series import VelocitySeries
 
 MOST = 100_000
-"""Sightings that enter the fit; more lessen the error of the corners, not that of the motion."""
+"""Observations that enter the fit.  A choice of speed: more lessen the error of the corners, not
+that of the motion."""
 
 MOST_NEAR = 40_000
-"""Sightings that enter the search near the optimum."""
+"""Observations that enter the search near the optimum.  A choice of speed."""
 
 WIDEST = 2.0
-"""Reach of the loss [px] at the start."""
+"""Scale of the loss [px] at the start.  A choice, eight times the noise of the studies' corners:
+wider ones let in false observations, narrower ones need a better start
+(test_false_observations_do_no_harm)."""
 
 SLOWEST = 2.0
-"""Flow [px/s] below which a corner has no direction to trail along."""
+"""Flow [px/s] below which a corner has no direction to trail along.  A choice: noise of 0.3 px over
+a track of 0.4 s is a flow of 1 px/s."""
 
 NEAR = np.arange(-6, 7) * 0.01
-"""Offsets [s] around the optimum at which its sharpness is measured."""
+"""Offsets [s] around the optimum at which its sharpness is measured.  A choice: where an end
+lies outside, the wide search counts too."""
 
 
 def refine_jointly(
@@ -50,10 +55,10 @@ def refine_jointly(
     systematic: Systematic = SYSTEMATIC,
     lever: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> JointRefinement | None:
-    """Refine rotation and offset on all sightings of all corners.
+    """Refine rotation and offset on all observations of all corners.
 
-    Each sighting has its own time, the odometry is integrated from the first sighting to it, its
-    yaw included, and the distance of each corner is solved for along with the rest.  The loss is
+    Each observation has its own time, the odometry is integrated from the first one to it, its yaw
+    included, and the distance of each corner is solved for along with the rest.  The loss is
     Tukey's.  Two nuisances are estimated too, with priors: how far corners trail along their flow,
     and how far the odometry's yaw rate is off, every 50 ms anew, so that its noise does not pass
     for motion.
@@ -77,7 +82,7 @@ def refine_jointly(
     max_offset : float
         Offsets from -max_offset to max_offset [s] are compared, if it is estimated.
     systematic : Systematic
-        What is known of errors that all sightings share.
+        What is known of errors that all observations share.
     lever : tuple of float
         Position of the camera in the body frame [m].
 
@@ -85,6 +90,11 @@ def refine_jointly(
     -------
     JointRefinement or None
         None if there are too few tracks.
+
+    Raises
+    ------
+    InputError
+        If an input is of another type, or the focal length is not positive.
 
     Notes
     -----
@@ -96,40 +106,27 @@ def refine_jointly(
     The paper has no such stage.  Variable projection: Golub & Pereyra 1973; the covariance is that
     of Newey & West 1987.
     """
-    _check.positive(focal, "focal", "pixels per radian")
+    of_type(tracks, "tracks", Tracks)
+    of_type(velocities, "velocities", VelocitySeries)
+    of_type(track, "track", VelocityTrack)
+    positive(focal, "focal", "pixels per radian")
     tracks = tracks.thinned(MOST)
     if len(tracks) < FEWEST:
         return None
-    problem = Problem(
-        tracks,
-        tracks.group,
-        world_motion(velocities, track),
-        lever,
-        SLOWEST / focal,
-        systematic.lag / focal,
-        systematic.lag_sd / focal,
-        float(np.hypot(yaw_rate_error(velocities, track), systematic.spin_sd)),
-    )
-    free = np.array([True, True, True, estimate_offset, True])
-    widest, search = WIDEST / focal, None
+    problem = _problem(tracks, velocities, track, focal, systematic, lever)
+    free, widest = np.array([True, True, True, estimate_offset, True]), WIDEST / focal
     grid = candidate_offsets(max_offset)
-    if estimate_offset:
-        wide = search_offsets(problem, R_body_cam, grid[::4], widest)
-        if wide is None:
-            return None
-        offset = float(wide.offsets[np.nanargmin(wide.mean)])
-    fit = solve(problem, R_body_cam, offset, free, widest)
+    start = _start(problem, R_body_cam, grid[::4], widest) if estimate_offset else offset
+    fit = None if start is None else solve(problem, R_body_cam, start, free, widest)
     if fit is None:
         return None
     problem, fit = checks.with_turning(problem, fit, free, widest)
     problem, fit, drift = checks.without_drift(problem, fit, free, widest)
     covariance, samples = covariance_of(problem, fit, free)
     covariance[:3, :3] += systematic.rotation_sd**2 * np.eye(3)
+    search = None
     if estimate_offset:
-        # Under the final loss, which is far narrower, other answers stand out.
-        search = search_offsets(problem, fit.R, grid[::2], fit.reach)
-        near = search_offsets(problem, fit.R, np.asarray(fit.offset + NEAR), fit.reach, MOST_NEAR)
-        width = _width(near, search, fit.offset)
+        search, width = _sharpness(problem, fit, grid[::2])
         sd = max(float(np.sqrt(covariance[3, 3])), 0.5 * width / GATE, jump_floor(track))
         covariance[3, 3] = sd**2 + systematic.time_sd**2
     return JointRefinement(
@@ -146,13 +143,50 @@ def refine_jointly(
         span=(float(tracks.start[0]), float(tracks.end.max())),
         curve=None
         if search is None
-        else curve_of(search, fit.offset, max_offset, fit.reach**2 / 6),
+        else curve_of(search, fit.offset, max_offset, fit.loss_scale**2 / 6),
         plausible=np.empty(0) if search is None else search.as_good(fit.offset),
         converged=fit.converged,
         drift=drift,
         distortion=checks.distortion(problem, fit, free),
-        turning=problem.spin_sd,
+        turning=problem.yaw_rate_sd,
     )
+
+
+def _problem(
+    tracks: Tracks,
+    velocities: VelocitySeries,
+    track: VelocityTrack,
+    focal: float,
+    systematic: Systematic,
+    lever: tuple[float, float, float],
+) -> Problem:
+    """Return the problem in radians."""
+    return Problem(
+        tracks,
+        tracks.group,
+        world_motion(velocities, track),
+        lever,
+        slowest=SLOWEST / focal,
+        lag=systematic.lag / focal,
+        lag_sd=systematic.lag_sd / focal,
+        yaw_rate_sd=float(np.hypot(yaw_rate_error(velocities, track), systematic.yaw_rate_sd)),
+    )
+
+
+def _start(problem: Problem, R: Floats, offsets: Floats, widest: float) -> float | None:
+    """Return the offset that fits best under the widest loss; None with too few tracks."""
+    wide = search_offsets(problem, R, offsets, widest)
+    return None if wide is None else float(wide.offsets[np.nanargmin(wide.mean)])
+
+
+def _sharpness(problem: Problem, fit: Fit, offsets: Floats) -> tuple[Search | None, float]:
+    """Return the search under the final loss, and the width of the offsets that fit as well [s].
+
+    The final loss is far narrower than that of the start: other answers stand out.
+    """
+    wide = search_offsets(problem, fit.R, offsets, fit.loss_scale)
+    near = search_offsets(problem, fit.R, np.asarray(fit.offset + NEAR), fit.loss_scale, MOST_NEAR)
+    return wide, _width(near, wide, fit.offset)
 
 
 def _width(near: Search | None, wide: Search | None, offset: float) -> float:

@@ -6,14 +6,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from evcalib._moved import renamed_fields
 from evcalib.alignment.offset import OffsetCurve
 from evcalib.arrays import Floats
-from evcalib.joint._model_checks import Departure
+from evcalib.joint._model_checks import ModelError
 
 
+@renamed_fields(spin_sd="yaw_rate_sd")
 @dataclass(frozen=True)
 class Systematic:
-    """What all sightings of a drive share, however many they are.
+    """What all observations of a drive share, however many they are.
 
     Attributes
     ----------
@@ -23,7 +25,7 @@ class Systematic:
         Standard deviation of what remains as a delay [s], whatever the flow.
     rotation_sd : float
         Standard deviation of what remains as a rotation, per axis [rad].
-    spin_sd : float
+    yaw_rate_sd : float
         Standard deviation of the yaw rate that the odometry does not tell [rad/s], besides noise.
     """
 
@@ -31,7 +33,7 @@ class Systematic:
     lag_sd: float = 0.1
     time_sd: float = 0.0015
     rotation_sd: float = float(np.radians(0.06))
-    spin_sd: float = 0.001
+    yaw_rate_sd: float = 0.001
 
 
 SYSTEMATIC = Systematic()
@@ -54,13 +56,13 @@ class JointRefinement:
         Its standard deviation [px].
     covariance : ndarray, shape (4, 4)
         Of the rotation vector in the body frame [rad] and of the offset [s], the lag's uncertainty
-        and the dependence of sightings counted in.
+        and the dependence of observations counted in.
     samples : float
         Stretches of motion that count as independent.
     noise : float
-        Standard deviation of a sighting per axis [px].
+        Standard deviation of an observation per axis [px].
     inlier_share : float
-        Share of the sightings that the fit follows.
+        Share of the observations that the fit follows.
     tracks, sightings : int
         What entered.
     span : tuple of float
@@ -72,9 +74,9 @@ class JointRefinement:
         Candidates [s] that fit as well as the best.
     converged : bool
         Whether the last step was small.
-    drift : Departure
+    drift : ModelError
         How fast the offset grows [s/s]; `offset` holds in the middle.
-    distortion : Departure
+    distortion : ModelError
         By how much directions of travel differ between the streams beyond a rotation [rad], as the
         cosine and the sine of twice their angle.
     turning : float
@@ -95,6 +97,6 @@ class JointRefinement:
     curve: OffsetCurve | None
     plausible: Floats
     converged: bool
-    drift: Departure
-    distortion: Departure
+    drift: ModelError
+    distortion: ModelError
     turning: float

@@ -11,11 +11,12 @@ from evcalib.heading import Correspondences
 from evcalib.series import bins
 
 SHORTEST = 2
-"""Fewest sightings after the first: two displacements of one corner can be compared."""
-
+"""Fewest observations after the first: two displacements of one corner can be compared."""
 
 STRETCH = 0.05
-"""Tracks that start within so much time [s] form a group."""
+"""Tracks that start within so much time [s] form a group, with one yaw-rate bias.  A choice:
+shorter than a track by far, so that noise of the yaw rate is followed, long enough for several
+corners."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +49,7 @@ class Tracks:
 
     @property
     def length(self) -> Integers:
-        """Sightings of each after the first, shape (k,)."""
+        """Observations of each after the first, shape (k,)."""
         return np.diff(self.first)
 
     @property
@@ -78,7 +79,7 @@ class Tracks:
         return replace(self, t1=t1, t2=t2)
 
     def thinned(self, most: int) -> Tracks:
-        """Return a share of the tracks, evenly over time: about so many sightings."""
+        """Return a share of the tracks, evenly over time: about so many observations."""
         n = int(self.first[-1])
         if n <= most:
             return self

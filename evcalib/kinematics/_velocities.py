@@ -10,7 +10,7 @@ from evcalib import checks
 from evcalib.arrays import Flags, Floats
 from evcalib.errors import InputError
 from evcalib.kinematics._states import WheelLog
-from evcalib.kinematics._vehicles import Vehicle
+from evcalib.kinematics._vehicles import Mecanum, Omni, Swerve, Vehicle
 from evcalib.series import VelocitySeries
 
 
@@ -103,8 +103,11 @@ def body_velocities(
     Raises
     ------
     InputError
-        If the log does not fit the vehicle, a limit is not positive, or no row is left.
+        If an input is of another type, the log does not fit the vehicle, a limit is not positive,
+        or no row is left.
     """
+    checks.of_type(wheel_log, "wheel_log", WheelLog)
+    checks.of_type(vehicle, "vehicle", Swerve, Mecanum, Omni)
     twist = vehicle.twist(wheel_log.states)
     v = np.column_stack([twist.v, np.zeros(len(twist.v))])
     whole = BodyVelocities(

@@ -18,13 +18,17 @@ from evcalib.series import BORDER, VelocitySeries, segments
 from evcalib.uncertainty import white_noise
 
 SMOOTHING = np.array([0.04, 0.06, 0.09, 0.13, 0.2, 0.3, 0.4, 0.6, 0.8])
-"""Half widths [s] of the smoothing windows, of which each sample takes the widest without bias."""
+"""Half widths [s] of the smoothing windows, of which each sample takes the widest without bias.  A
+choice: each half as wide again as the last, from two samples at 50 Hz on."""
 
 SMOOTHING_GATE = 2.5
-"""Standard deviations within which the estimates of two windows agree."""
+"""Standard deviations within which the estimates of two windows agree.  A choice within the usual 2
+to 3 of the rule: lower ones leave noise, higher ones round turns (tests/test_track.py bounds
+both)."""
 
 STILL = 0.1
-"""Share of the usual top speed below which the vehicle counts as standing."""
+"""Share of the usual top speed below which the vehicle counts as standing.  A choice: noise of the
+wheels is far below, slow driving above (test_standing_most_of_the_time_spoils_nothing)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,9 +68,9 @@ class VelocityTrack:
     raw: Floats
 
     @property
-    def arrays(self) -> tuple[Floats, Floats, Floats, Floats, Integers]:
+    def arrays(self) -> kernel.Samples:
         """What the kernels take."""
-        return self.t, self.v, self.slope, self.path, self.segment
+        return kernel.Samples(self.t, self.v, self.slope, self.path, self.segment)
 
     @property
     def moving_speed(self) -> float:
@@ -76,9 +80,9 @@ class VelocityTrack:
         return float(np.median(moving)) if moving.size else 1e-12
 
     @property
-    def limits(self) -> tuple[float, float]:
-        """Lowest speed with a direction [m/s], and how long [s] the samples at the ends hold."""
-        return self.min_speed, self.hold
+    def limits(self) -> kernel.Limits:
+        """Lowest speed with a direction, and how long the samples at the ends hold."""
+        return kernel.Limits(self.min_speed, self.hold)
 
     def directions(self, start: Floats, end: Floats, offset: float = 0.0) -> Floats:
         """Return unit directions of the mean velocity over [start, end] + offset, shape (n, 3).
@@ -86,7 +90,7 @@ class VelocityTrack:
         Rows are zero where the interval is not covered or the vehicle stands.
         """
         out = np.empty((3, start.size))
-        kernel.directions(start, end, float(offset), *self.arrays, self.limits, out)
+        kernel.directions(start, end, float(offset), self.arrays, self.limits, out)
         return np.ascontiguousarray(out.T)
 
 

@@ -30,10 +30,17 @@ from evcalib.series import HeadingSeries
 from evcalib.uncertainty import UNKNOWN, rotation_sd, t_quantile
 
 ENOUGH = 0.3
-"""Least share of the sightings that a refinement must follow to be believed."""
+"""Least share of the observations that a refinement must meet to be believed.
+
+With half of the observations false, 0.37 is met; with the odometry of another drive, 0.11 to 0.37,
+of which the sharpness of the offset must refuse the rest (measured on the drives of
+tests/test_joint.py).
+"""
 
 TURNING = 0.02
-"""Yaw rate [rad/s], rms, that the odometry may leave untold."""
+"""Yaw rate [rad/s], rms, that the odometry may leave untold.  1.1 deg/s, just above the least that
+the campaign hides from the wheels (1 to 6 deg/s): 60 of 97 such drives are doubted, and none of the
+37 that are not lies outside its 99 % interval (tests/campaign.csv, `not told`)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,7 +154,7 @@ def finish(
 
 
 def doubts_of(joint: JointRefinement, headings: HeadingSeries) -> tuple[str, ...]:
-    """Return what the sightings say against the model, in words."""
+    """Return what the observations say against the model, in words."""
     doubts = []
     if joint.drift.z > SURE:
         ppm, sd = 1e6 * joint.drift.values[0], 1e6 * joint.drift.sd[0]

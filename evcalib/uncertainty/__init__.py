@@ -11,6 +11,7 @@ from evcalib.uncertainty._covariance import (
     t_quantile,
 )
 from evcalib.uncertainty._noise import NoiseModel, coloured_noise, fit_noise, robust_sd, white_noise
+from evcalib.uncertainty._peak import peak_of_parabola
 
 __all__ = [
     "UNKNOWN",
@@ -19,6 +20,7 @@ __all__ = [
     "coloured_noise",
     "fit_noise",
     "joint_covariance",
+    "peak_of_parabola",
     "robust_sd",
     "rotation_radius",
     "rotation_sd",

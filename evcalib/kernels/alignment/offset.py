@@ -22,18 +22,18 @@ class Headings(NamedTuple):
 def profile(headings, offsets, track, limits, loss_scales):
     """Return the robust rigid profile: at each offset, the score under its best rotation.
 
+    track, limits : `Samples` and `Limits` of the velocities.
     loss_scales : (k,) scales of Tukey's loss, descending: it is first wide, then narrow, so that
         each candidate finds its rotation from a plain start (graduated non-convexity).
     Returns scores (m,), weights of the usable pairs (m,), rotations (m, 3, 3).
     """
-    start, end, e, weight = headings
-    t, v, slope, path, segment = track
+    e, weight = headings.e, headings.weight
     m, n = offsets.size, weight.size
     scores, totals = np.zeros(m), np.zeros(m)
     rotations = np.zeros((m, 3, 3))
     d, work, usable = np.empty((3, n)), np.empty((3, n)), np.empty(n)
     for k in range(m):
-        directions(start, end, offsets[k], t, v, slope, path, segment, limits, d)
+        directions(headings.start, headings.end, offsets[k], track, limits, d)
         for i in range(n):
             defined = d[0, i] != 0.0 or d[1, i] != 0.0 or d[2, i] != 0.0
             usable[i] = weight[i] if defined else 0.0
@@ -53,14 +53,13 @@ def profile(headings, offsets, track, limits, loss_scales):
 @jit
 def moments(headings, offsets, track, limits):
     """Return weighted covariances S_ee, S_oo, S_oe (m, 3, 3) and weights (m,) at each offset."""
-    start, end, e, weight = headings
-    t, v, slope, path, segment = track
+    e, weight = headings.e, headings.weight
     m, n = offsets.size, weight.size
     S_ee, S_oo, S_oe = np.zeros((m, 3, 3)), np.zeros((m, 3, 3)), np.zeros((m, 3, 3))
     totals = np.zeros(m)
     d, usable = np.empty((3, n)), np.empty(n)
     for k in range(m):
-        directions(start, end, offsets[k], t, v, slope, path, segment, limits, d)
+        directions(headings.start, headings.end, offsets[k], track, limits, d)
         for i in range(n):
             defined = d[0, i] != 0.0 or d[1, i] != 0.0 or d[2, i] != 0.0
             usable[i] = weight[i] if defined else 0.0
@@ -84,14 +83,13 @@ def turning_correlation(at, rate, half, offsets, track, limits):
     at, rate : (n,) times and turns; half : [s].
     Returns the correlation (m,), 0 where it is undefined, and the number of pairs (m,).
     """
-    t, v, slope, path, segment = track
     m, n = offsets.size, at.size
     score, totals = np.zeros(m), np.zeros(m)
     before, after = np.empty((3, n)), np.empty((3, n))
     x, y = np.empty(n), np.empty(n)
     for k in range(m):
-        directions(at, at, offsets[k] - half, t, v, slope, path, segment, limits, before)
-        directions(at, at, offsets[k] + half, t, v, slope, path, segment, limits, after)
+        directions(at, at, offsets[k] - half, track, limits, before)
+        directions(at, at, offsets[k] + half, track, limits, after)
         count = 0
         for i in range(n):
             known_before = before[0, i] != 0.0 or before[1, i] != 0.0 or before[2, i] != 0.0
@@ -118,13 +116,12 @@ def contrast(headings, offsets, track, limits, rotations, loss_scale, peak):
     peak : (n,) score of each pair at the peak, negative where it is not usable.
     Returns mean (m,), variance (m,), pairs (m,) over those usable at both.
     """
-    start, end, e, weight = headings
-    t, v, slope, path, segment = track
+    e, weight = headings.e, headings.weight
     m, n = offsets.size, weight.size
     mean, variance, pairs = np.zeros(m), np.zeros(m), np.zeros(m)
     d = np.empty((3, n))
     for k in range(m):
-        directions(start, end, offsets[k], t, v, slope, path, segment, limits, d)
+        directions(headings.start, headings.end, offsets[k], track, limits, d)
         R = rotations[k]
         total = first = second = 0.0
         for i in range(n):

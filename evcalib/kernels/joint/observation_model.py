@@ -1,19 +1,52 @@
 """Where a corner is seen again, after the body has moved and turned: values and derivatives.
 
-All is in the camera frame of the first sighting, across and along the corner's bearing then.
+All is in the camera frame of the first observation, across and along the corner's bearing then.
 """
 
 import math
+from typing import NamedTuple
+
+import numpy as np
 
 from evcalib.kernels.jit import jit
 from evcalib.kernels.linalg import cross, dot
 
 NEAREST = 0.2
-"""Points that come nearer than this part of their first distance are not followed."""
+"""Points that come nearer than this part of their first distance are not fitted.  A choice: there
+1 / (1 - rho z) is at most 5, and a corner 2.5 m ahead is left for the last half metre to it."""
 
-VALUE, BY_SPIN, FLOW = 0, 5, 6
-"""Columns of what a sighting holds: the value, derivatives by rotation (1 to 3), offset (4) and
-spin (5), and the change with time, along which the corner flows."""
+VALUE, BY_YAW_RATE, FLOW = 0, 5, 6
+"""Columns of what an observation holds: the value, derivatives by rotation (1 to 3), offset (4) and
+yaw-rate bias (5), and the change with time, along which the corner flows."""
+
+
+class WorldMotion(NamedTuple):
+    """The odometry at its n samples, in a world whose axes are the body's at the first one."""
+
+    t: np.ndarray  # (n,) [s]
+    velocity: np.ndarray  # (n, 3) [m/s]
+    slope: np.ndarray  # (n - 1, 3) of the velocity, from each sample to the next [m/s^2]
+    path: np.ndarray  # (n, 3) integral of the velocity from the start of each segment [m]
+    yaw: np.ndarray  # (n,) [rad]
+    segment: np.ndarray  # (n,) int64, number of the segment between gaps
+
+
+class State(NamedTuple):
+    """The body in the world at an instant."""
+
+    position: tuple[float, float, float]  # [m]
+    velocity: tuple[float, float, float]  # [m/s]
+    yaw: float  # [rad]
+    yaw_rate: float  # [rad/s]
+
+
+class Camera(NamedTuple):
+    """The camera on the body, and the corner as it first saw it."""
+
+    R: np.ndarray  # (3, 3) R_body_cam
+    lever: tuple[float, float, float]  # position in the body frame [m]
+    bearing: np.ndarray  # (3,) of the corner's first observation
+    axes: tuple[tuple[float, float, float], ...]  # two, across the bearing
 
 
 @jit
@@ -61,8 +94,8 @@ def step_of(at, j, t):
 
 @jit
 def state(at, j, motion):
-    """Return position, velocity, yaw and yaw rate in the world at time `at` within step j."""
-    t, v, slope, path, yaw, _ = motion
+    """Return the body at time `at` within step j of the motion."""
+    t, v, slope, path, yaw = motion.t, motion.velocity, motion.slope, motion.path, motion.yaw
     u = at - t[j]
     position = (
         path[j, 0] + u * (v[j, 0] + 0.5 * u * slope[j, 0]),
@@ -71,30 +104,28 @@ def state(at, j, motion):
     )
     velocity = v[j, 0] + u * slope[j, 0], v[j, 1] + u * slope[j, 1], v[j, 2] + u * slope[j, 2]
     rate = (yaw[j + 1] - yaw[j]) / (t[j + 1] - t[j])
-    return position, velocity, yaw[j] + u * rate, rate
+    return State(position, velocity, yaw[j] + u * rate, rate)
 
 
 @jit
-def sighting(before, after, span, ray, camera, lever, a, z, y, dy):
+def observe(before, after, time, bias, ray, camera, a, z, y, dy):
     """Fill in where a corner is seen, and the displacement in the same terms.
 
-    before, after : position, velocity, yaw and yaw rate of the body, see `state`.
-    span : (time between them [s], spin [rad/s]).
+    before, after : `State` of the body at the first observation and `time` [s] later.
+    bias : error of the yaw rate [rad/s].
     ray : bearing at t2 in the body frame of t2.
-    camera : (R, b, e), rotation, bearing of the anchor, and axes across it.
-    a, z : (7, 2) and (7,), displacement across and along b, in columns as above.
-    y, dy : (2,) and (6, 2), the sighting and its derivatives (columns 1 to 5).
+    camera : `Camera`.
+    a, z : (7, 2) and (7,), displacement across and along the first bearing b, in columns as above.
+    y, dy : (2,) and (6, 2), the observation and its derivatives (columns 1 to 5).
 
     Returns whether the corner is in front.
     """
-    R, b, e = camera
-    p1, _, yaw1, rate1 = before
-    p2, v2, yaw2, rate2 = after
-    time, spin = span
-    psi = yaw2 - yaw1 + time * spin
+    R, b, e, lever = camera.R, camera.bearing, camera.axes, camera.lever
+    yaw1, rate1, v2, rate2 = before.yaw, before.yaw_rate, after.velocity, after.yaw_rate
+    psi = after.yaw - yaw1 + time * bias
     arm = _about_z(psi, lever)
-    path = _about_z(0.5 * time * spin - yaw1, _minus(p2, p1))
-    change = _sum(_about_z(-yaw1, _minus(v2, before[1])), _across_z(-rate1, path))
+    path = _about_z(0.5 * time * bias - yaw1, _minus(after.position, before.position))
+    change = _sum(_about_z(-yaw1, _minus(v2, before.velocity)), _across_z(-rate1, path))
     change = _sum(change, _across_z(rate2 - rate1, arm))
     D = _sum(path, _minus(arm, lever))
     seen_by_body = _about_z(psi, ray)

@@ -4,12 +4,32 @@ A velocity is linear between samples and undefined between segments, so that not
 interpolated across a gap or extrapolated.  Undefined directions are zero vectors.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 from evcalib.kernels.jit import jit
 
 INSTANT = 1e-6
-"""Intervals shorter than this [s] are instants: a mean over less is lost in rounding."""
+"""Intervals shorter than this [s] are instants: a mean over less is lost in rounding.  At a path of
+1 km, whose last bit is 1e-13 m, the mean over it is still right to 1e-7 m/s."""
+
+
+class Samples(NamedTuple):
+    """A velocity at n samples."""
+
+    t: np.ndarray  # (n,) [s]
+    v: np.ndarray  # (n, 3) [m/s]
+    slope: np.ndarray  # (n - 1, 3), see `slopes`
+    path: np.ndarray  # (n, 3), see `integrate`
+    segment: np.ndarray  # (n,) int64, number of the segment between gaps
+
+
+class Limits(NamedTuple):
+    """Where a sampled velocity has a direction."""
+
+    min_speed: float  # lowest mean speed with a direction [m/s]
+    hold: float  # time [s] for which the sample at either end of a segment holds beyond it
 
 
 @jit
@@ -35,17 +55,18 @@ def slopes(t, v):
 
 
 @jit
-def directions(start, end, offset, t, v, slope, path, segment, limits, out):
+def directions(start, end, offset, samples, limits, out):
     """Fill `out` with the unit direction of the mean velocity over each shifted [start, end].
 
     start, end : (n,) in any order, fastest where neighbours are near.  Where they are less than
         `INSTANT` apart, the velocity at the start is used.
     offset : added to both.
-    limits : (lowest mean speed with a direction [m/s], time [s] for which the sample at either end
-        of a segment holds beyond it).
+    samples, limits : `Samples` of the velocity and `Limits`.
     out : (3, n); zero where the interval leaves a segment or the mean speed is too low.
     """
-    min_speed, hold = limits
+    t, v, slope = samples.t, samples.v, samples.slope
+    path, segment = samples.path, samples.segment
+    min_speed, hold = limits.min_speed, limits.hold
     j = k = 0
     last = t.size - 2
     for i in range(start.size):
