@@ -62,7 +62,7 @@ MOVED = {
         "evcalib.uncertainty._noise"
     ),
     "evcalib.tracks": "evcalib.joint.tracks",
-    "evcalib.two_views": "evcalib.heading.two_views",
+    "evcalib.two_views": "evcalib.heading.two_views evcalib.heading._matches",
     "evcalib.verdict": "evcalib.alignment.verdict",
     "evcalib.waypoints": "evcalib.design.waypoints",
 }
@@ -71,7 +71,7 @@ MOVED = {
 LEFT = {
     "evcalib.design": "evcalib.design._prediction",
     "evcalib.features": "evcalib.features._keypoints",
-    "evcalib.heading": "evcalib.heading._estimator",
+    "evcalib.heading": "evcalib.heading._options",
     "evcalib.joint": "evcalib.joint._refine evcalib.joint._result evcalib.joint._world_motion",
     "evcalib.pipeline": "evcalib.pipeline._calibrate",
     "evcalib.report": "evcalib.report._page",
@@ -79,6 +79,15 @@ LEFT = {
     "data_tools.bags": "data_tools.bags._bag",
 }
 """Folders with the name of an old module, and where names are that are public no more."""
+
+
+RENAMED = {
+    "data_tools.simulation.point_matches.Matched": "Matches",
+    "evcalib.heading._matches.Pairs": "Matches",
+    "evcalib.kernels.features.event_image.align": "align_patches",
+    "evcalib.kernels.heading.turn.turn_misfits": "squared_residuals",
+}
+"""Names that changed as well: the new module with the old name, and the new name."""
 
 
 class _Stand(Loader):
@@ -104,9 +113,10 @@ def _shown(home: str) -> str:
 
 def _look_up(old: str, homes: Sequence[str]) -> Callable[[str], Any]:
     def look_up(name: str) -> Any:
-        for home in map(import_module, homes):
-            if name in vars(home):
-                return getattr(home, name)
+        for home in homes:
+            module, now = import_module(home), RENAMED.get(f"{home}.{name}", name)
+            if now in vars(module):
+                return getattr(module, now)
         raise AttributeError(f"module {old!r} has no attribute {name!r}")
 
     return look_up

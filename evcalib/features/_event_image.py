@@ -122,7 +122,9 @@ class EventImager:
         return EventImage(smooth, 1e-6 * start, 1e-6 * end)
 
 
-def align(first: EventImage, second: EventImage, centres: Floats, guesses: Floats) -> Floats:
+def align_patches(
+    first: EventImage, second: EventImage, centres: Floats, guesses: Floats
+) -> Floats:
     """Find the displacement of patches between two images.
 
     Each patch of the first image is shifted over the second until the squares of their difference
@@ -149,5 +151,5 @@ def align(first: EventImage, second: EventImage, centres: Floats, guesses: Float
     out = np.empty((len(centres), 4))
     limits = (RADIUS, STEPS, FARTHEST, LEAST)
     whole = np.rint(centres).astype(np.int64)
-    kernels.align(first.values, second.values, whole, guesses, limits, out)
+    kernels.align_patches(first.values, second.values, whole, guesses, limits, out)
     return out

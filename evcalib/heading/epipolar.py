@@ -253,7 +253,7 @@ def turn_explains(
     sample = (r1[some], r2[some], spans[some])
     turn = turns.turn_ransac(*sample, threshold, TURN_TRIALS, seed)
     of_turn = np.empty(some.size)
-    turns.turn_misfits(turn, *sample, of_turn)
+    turns.squared_residuals(turn, *sample, of_turn)
     either = translation.inliers[some] | (of_turn < threshold**2)
     if either.sum() < 3:
         return True

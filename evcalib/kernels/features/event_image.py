@@ -100,7 +100,7 @@ def _compare(patch, image, x, y, sums):
 
 
 @jit
-def align(first, second, centres, guesses, limits, out):
+def align_patches(first, second, centres, guesses, limits, out):
     """Find where patches of one image lie in another: Lucas and Kanade's inverse iteration.
 
     The patches may differ by a factor.
