@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from evcalib.events import Events
 from evcalib.features import EventImage, EventImager, align_patches
 from evcalib.features._event_image import AHEAD, RADIUS
+from evcalib.kernels.events import EventColumns
 from evcalib.kernels.features import event_image as kernels
 
 WIDTH, HEIGHT = 60, 50
@@ -22,8 +23,7 @@ def test_images_equal_the_plain_twin(seed, n, last):
     t, p = np.sort(rng.integers(0, 30, n)), rng.random(n) < 0.5
     events = Events.from_arrays(x, y, t, p, 4, 3)
     image, following = np.zeros((3, 4), np.float32), np.zeros((3, 4), np.int8)
-    columns = (events.x, events.y, events.t, events.p)
-    kernels.draw(columns, 8, 22, last, following, image)
+    kernels.draw(EventColumns.of(events), 8, 22, last, following, image)
     rows = list(zip(x.tolist(), y.tolist(), t.tolist(), p.tolist(), strict=True))
     np.testing.assert_array_equal(image, naive_event_image.draw(rows, 8, 22, last, 4, 3))
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from evcalib.arrays import Floats
 from evcalib.events import Events
+from evcalib.kernels.events import EventColumns
 from evcalib.kernels.features import event_image as kernels
 
 WAY_PX = 1.5
@@ -116,8 +117,7 @@ class EventImager:
         events = Events.concatenate(list(self._pieces)).between(start, t_us)
         image = np.zeros(self._shape, dtype=np.float32)
         following = np.zeros(self._shape, dtype=np.int8)
-        columns = (events.x, events.y, events.t, events.p)
-        kernels.draw(columns, start, end, self._last, following, image)
+        kernels.draw(EventColumns.of(events), start, end, self._last, following, image)
         smooth = np.asarray(cv2.GaussianBlur(image, (0, 0), SIGMA_PX), dtype=np.float32)
         return EventImage(smooth, 1e-6 * start, 1e-6 * end)
 
@@ -149,7 +149,7 @@ def align_patches(
         guess.
     """
     out = np.empty((len(centres), 4))
-    limits = (RADIUS, STEPS, FARTHEST, LEAST)
+    limits = kernels.PatchLimits(RADIUS, STEPS, FARTHEST, LEAST)
     whole = np.rint(centres).astype(np.int64)
     kernels.align_patches(first.values, second.values, whole, guesses, limits, out)
     return out

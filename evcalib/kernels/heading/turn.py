@@ -5,11 +5,21 @@ tan(a / 2) k x (r1 + r2) (Cayley).  With g = half the turn rate and `span` the t
 bearings the right side is span g x (r1 + r2), up to the third order of the angle.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 from evcalib.kernels.jit import jit
 from evcalib.kernels.linalg import cross, dot
 from evcalib.kernels.splitmix import draw
+
+
+class TimedBearings(NamedTuple):
+    """The same points before and after."""
+
+    r1: np.ndarray  # (n, 3) unit rows
+    r2: np.ndarray  # (n, 3)
+    spans: np.ndarray  # (n,) time between the two
 
 
 @jit
@@ -52,8 +62,9 @@ def _squared_residual(g, r1, r2, span):
 
 
 @jit
-def turn_ransac(r1, r2, spans, threshold, trials, seed):
+def turn_ransac(bearings, threshold, trials, seed):
     """Return the steady turn g that explains the correspondences best, refined on its inliers."""
+    r1, r2, spans = bearings.r1, bearings.r2, bearings.spans
     n = len(r1)
     limit = threshold * threshold
     state = np.uint64(seed)
@@ -83,7 +94,8 @@ def turn_ransac(r1, r2, spans, threshold, trials, seed):
 
 
 @jit
-def squared_residuals(g, r1, r2, spans, squares):
+def squared_residuals(g, bearings, squares):
     """Fill in the squared residual of each correspondence under the turn g [rad^2]."""
+    r1, r2, spans = bearings.r1, bearings.r2, bearings.spans
     for i in range(len(r1)):
         squares[i] = _squared_residual(g, r1[i], r2[i], spans[i])
