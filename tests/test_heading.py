@@ -1,6 +1,7 @@
 """The chain from events to headings: simulated, real, transformed, turning, broken."""
 
 import tracemalloc
+from inspect import signature
 from itertools import pairwise
 
 import numpy as np
@@ -369,6 +370,15 @@ def test_unusable_streams_are_refused(sideways):
 def test_unusable_options_are_refused(option):
     with pytest.raises(InputError, match=next(iter(option))):
         HeadingEstimator(SMALL, **option)
+
+
+@pytest.mark.parametrize("function", [estimate_headings, HeadingEstimator])
+def test_options_are_named_in_the_signature_and_no_others_taken(function):
+    named = signature(function).parameters
+    assert named["enough_sd"].default == 0.2
+    assert [n for n in named if n not in ("events", "camera")] == list(vars(HeadingOptions()))
+    with pytest.raises(TypeError, match="unexpected keyword argument 'max_sigma'"):
+        function(*[SMALL] * (len(named) - len(vars(HeadingOptions()))), max_sigma=1.0)
 
 
 @settings(deadline=None, max_examples=40)

@@ -20,7 +20,9 @@ from evcalib.kernels.events import EventColumns
 from evcalib.kernels.features import event_image as kernels
 
 WAY_PX = 1.5
-"""The typical corner moves this far [px] while events are added up."""
+"""The typical corner moves this far [px] while events are added up: less leaves few events, more
+blurs the edges.  This and what follows are choices, save `LAST`, none of them fitted; half or
+double of each moves a heading by less than half a degree (`tests/test_heading_thresholds.py`)."""
 
 AHEAD = 0.5
 """Part of that time in which it is still seen what follows an event at its pixel."""
@@ -32,7 +34,8 @@ SIGMA_PX = 0.8
 """Smoothing of the images [px]: less than this is not sampled well."""
 
 LAST = 0.5
-"""Weight of an event that the other polarity follows at its pixel."""
+"""Weight of an event that the other polarity follows at its pixel: see `EventImager` for why, and
+`python -m data_tools.studies.lag` for the lag that is left."""
 
 RADIUS, STEPS, FARTHEST, LEAST = 7, 10, 2.5, 0.6
 """Patch radius [px], most iterations, farthest from the guess [px], least correlation."""

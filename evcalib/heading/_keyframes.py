@@ -28,13 +28,17 @@ from evcalib.kernels.heading.bearings import interpolate
 from evcalib.surfaces import SURFACES
 
 REACH_PX = 4
-"""Radius of a keypoint [px]; corner events are gathered while the corner moves that far."""
+"""Radius of a keypoint [px]; corner events are gathered while the corner moves that far.  This, the
+bounds below and `REACH` are choices; `tests/test_heading_thresholds.py` shows what half and
+double of them do to a heading: nothing that matters."""
 
 SHORTEST, LONGEST = 0.03, 0.12
-"""Bounds of the time over which corner events are gathered [s]."""
+"""Bounds of the time over which corner events are gathered [s].  Longer gathers more corners of
+slow motion, and lets fewer pairs of keyframes be matched, as these share no events."""
 
 REACH = 0.25
-"""Matches are sought over displacements of up to this part of the sensor's width."""
+"""Matches are sought over displacements of up to this part of the sensor's width: less finds no
+fast corners, more lets more false matches in."""
 
 GRID_PX = 2
 """Bearings are bilinear between pixels this far apart, which costs less than 0.01 px."""

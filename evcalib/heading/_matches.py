@@ -16,7 +16,8 @@ from evcalib.heading._keyframes import Keyframe, Numbered
 from evcalib.heading._options import MAX_STEPS
 
 CELL_PX = 8
-"""Matches whose midpoints share a cell of this side [px] see the same corner."""
+"""Matches whose midpoints share a cell of this side [px] see the same corner.  A choice: the width
+of a keypoint.  Half or double of it gives the same heading (`tests/test_heading_thresholds.py`)."""
 
 
 @dataclass(frozen=True, eq=False)

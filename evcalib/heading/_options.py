@@ -83,6 +83,12 @@ class HeadingOptions:
     ------
     InputError
         If an option is unusable.
+
+    Notes
+    -----
+    The defaults of the numbers are choices, not fitted to data: half or double of `rate`,
+    `max_baseline`, `threshold`, `min_inliers` or `enough_sd` gives the same heading of a simulated
+    drive to half a degree (``tests/test_heading_thresholds.py``).
     """
 
     surface: str = "tos_ts"

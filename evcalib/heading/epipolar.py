@@ -15,16 +15,19 @@ from evcalib.kernels.linalg import tangent_basis
 from evcalib.uncertainty import robust_sd, sandwich
 
 TRIALS = 1000
-"""Most samples that a RANSAC draws; it stops earlier once a better one is unlikely."""
+"""Most samples that a RANSAC draws; it stops earlier once a better one is unlikely.  With 90 %
+outliers 1000 samples of two still hold a clean one with a probability of 1 - 0.99^1000."""
 
 NEUTRAL_GAIN = 0.987
 """E min(chi2_2, 4) - E min(chi2_1, 2), for chi squares of two and one degree of freedom."""
 
 TURN_TRIALS = 100
-"""Samples of the turn that competes with a translation."""
+"""Samples of the turn that competes with a translation.  Of half outliers a clean one of two is
+among them with a probability of 1 - 0.75^100."""
 
 SCORED = 500
-"""Most correspondences that a RANSAC scores, evenly taken; all of them enter the refinement."""
+"""Most correspondences that a RANSAC scores, evenly taken; all of them enter the refinement.  Half
+or double of it changes no heading (`tests/test_heading_thresholds.py`): it saves time."""
 
 _LEAST_Z = np.cos(np.deg2rad(89.0))
 
