@@ -158,6 +158,6 @@ def test_no_matches_are_held_once_a_window_is_done(drive):
     estimator = HeadingEstimator(camera)
     estimator.update(events)
     kept = estimator.finish().headings
-    assert len(estimator._windows.found) == len(kept)
-    values = [value for one in estimator._windows.found for value in vars(one).values()]
+    assert len(estimator._windows._found) == len(kept)
+    values = [value for one in estimator._windows._found for value in vars(one).values()]
     assert max(np.size(value) for value in values) == 9
