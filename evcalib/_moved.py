@@ -65,7 +65,7 @@ MOVED = {
         "evcalib.uncertainty._noise"
     ),
     "evcalib.tracks": "evcalib.joint.tracks",
-    "evcalib.two_views": "evcalib.heading.two_views",
+    "evcalib.two_views": "evcalib.heading.two_views evcalib.heading._matches",
     "evcalib.verdict": "evcalib.alignment.verdict",
     "evcalib.waypoints": "evcalib.design.waypoints",
 }
@@ -74,7 +74,7 @@ MOVED = {
 LEFT = {
     "evcalib.design": "evcalib.design._prediction",
     "evcalib.features": "evcalib.features._keypoints",
-    "evcalib.heading": "evcalib.heading._estimator",
+    "evcalib.heading": "evcalib.heading._options",
     "evcalib.joint": "evcalib.joint._refine evcalib.joint._result evcalib.joint._world_motion",
     "evcalib.pipeline": "evcalib.pipeline._calibrate",
     "evcalib.report": "evcalib.report._page",
@@ -84,6 +84,10 @@ LEFT = {
 """Folders with the name of an old module, and where names are that are public no more."""
 
 RENAMED = {
+    "data_tools.simulation.point_matches.Matched": "Matches",
+    "evcalib.heading._matches.Pairs": "Matches",
+    "evcalib.kernels.features.event_image.align": "align_patches",
+    "evcalib.kernels.heading.turn.turn_misfits": "squared_residuals",
     "evcalib.design._prediction.SIGHTINGS": "OBSERVATIONS",
     "evcalib.kernels.joint.observation_model.sighting": "observe",
     "evcalib.alignment.offset.WIDE_REACHES": "WIDE_LOSS_SCALES",

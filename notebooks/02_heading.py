@@ -33,9 +33,9 @@ import numpy as np
 from data_tools.course.samples import load_sample, slider_depth
 from data_tools.simulation.point_matches import random_matches
 from evcalib.geometry import angle_between, unit
-from evcalib.heading import estimate_headings
+from evcalib.heading import Matches, estimate_headings
 from evcalib.heading.epipolar import five_point, turn_explains, two_point
-from evcalib.heading.two_views import Pairs, keypoints_at, matched
+from evcalib.heading.two_views import keypoints_at, matched
 from evcalib.plots import style
 from evcalib.plots.heading import draw_backdrop, draw_heading, draw_matches, draw_offsets
 
@@ -174,7 +174,7 @@ def error_of(solver, angle, seed, count=200, outliers=0.2):
     d = np.array([np.sin(np.radians(angle)), 0.0, np.cos(np.radians(angle))])
     rng = np.random.default_rng(seed)
     pair = random_matches(camera, 0.1 * d, rng, count=count, outliers=outliers)
-    found = solver(pair.before, pair.after, threshold=2 * limit)
+    found = solver(pair.r1, pair.r2, threshold=2 * limit)
     return 90.0 if found is None else float(np.degrees(angle_between(found.direction, d)))
 
 
@@ -231,7 +231,7 @@ for degrees in (0.0, 0.5, 2.0):
     rng = np.random.default_rng(0)
     yaw = (0.0, np.radians(degrees), 0.0)
     pair = random_matches(camera, 0.1 * ahead, rng, turn=yaw, noise=0.3)
-    found = two_point(pair.before, pair.after, threshold=4 * limit)
+    found = two_point(pair.r1, pair.r2, threshold=4 * limit)
     error = np.degrees(angle_between(found.direction, ahead))
     print(f"turn by {degrees} deg: error {error:.0f} deg")
 
@@ -280,7 +280,7 @@ for baseline in (100, 150, 200, 300, 400):
 # ## Pooling
 #
 # Why choose one baseline? While the motion is steady, the direction is the same for all pairs about
-# the same middle. So put the matches of all of them into *one* fit. That is `Pairs.pooled`.
+# the same middle. So put the matches of all of them into *one* fit. That is `Matches.pooled`.
 #
 # Pairs share keyframes (the times at which keypoints are taken), and one corner is seen many times.
 # Its errors are then not independent. `groups` tells the solver which matches see the same corner;
@@ -290,7 +290,7 @@ for baseline in (100, 150, 200, 300, 400):
 # %%
 def pooled_around(middle):
     """Return the matches of all pairs of 200 to 400 ms about one time."""
-    return Pairs.pooled([pair_around(middle, b) for b in (200, 250, 300, 350, 400)])
+    return Matches.pooled([pair_around(middle, b) for b in (200, 250, 300, 350, 400)])
 
 
 one, many = pair_around(400, 300), pooled_around(400)
@@ -363,7 +363,7 @@ def outside(length, seed):
     """Tell whether the truth is outside of the 95 % ellipse."""
     truth = unit([1.0, 0.0, 1.0])
     pair = random_matches(camera, length * truth, np.random.default_rng(seed), outliers=0.2)
-    found = two_point(pair.before, pair.after, threshold=2 * limit)
+    found = two_point(pair.r1, pair.r2, threshold=2 * limit)
     off = found.direction - truth
     return off @ np.linalg.pinv(found.covariance, rcond=1e-6) @ off > 5.99
 
@@ -386,8 +386,8 @@ for name, shift, yaw in (("moves", 0.1, 0.0), ("turns", 0.0, 0.04)):
     rng = np.random.default_rng(1)
     turn = (0.0, yaw, 0.0)
     pair = random_matches(camera, shift * ahead, rng, turn=turn, noise=0.3)
-    found = two_point(pair.before, pair.after, threshold=2 * limit)
-    turned = turn_explains(pair.before, pair.after, np.ones(200), found)
+    found = two_point(pair.r1, pair.r2, threshold=2 * limit)
+    turned = turn_explains(pair.r1, pair.r2, np.ones(200), found)
     print(f"a camera that {name}: {found.inliers.mean():.0%} inliers, a turn explains it: {turned}")
 
 # %% [markdown]

@@ -458,7 +458,7 @@ for sweep in (0.5, 2.0, 4.0, 8.0):
 # matching* corners. Their displacement is then measured anew, with all events around them. An
 # **event image** is the sum of all signed events (ON +1, OFF -1) over the time in which the scene
 # moves by 1.5 px, and carries the middle of that time. A patch of one event image is shifted until
-# it lies on the other (`evcalib.features.align`, by the method of Baker and Matthews, 2004).
+# it lies on the other (`evcalib.features.align_patches`, after Baker and Matthews, 2004).
 # There is no disc, no choice of events, and so no lead; and the scatter is a tenth of a pixel
 # instead of half a pixel.
 #

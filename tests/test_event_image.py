@@ -7,8 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from evcalib.events import Events
-from evcalib.features import EventImage, EventImager, align
+from evcalib.features import EventImage, EventImager, align_patches
 from evcalib.features._event_image import AHEAD, RADIUS
+from evcalib.kernels.events import EventColumns
 from evcalib.kernels.features import event_image as kernels
 
 WIDTH, HEIGHT = 60, 50
@@ -22,8 +23,7 @@ def test_images_equal_the_plain_twin(seed, n, last):
     t, p = np.sort(rng.integers(0, 30, n)), rng.random(n) < 0.5
     events = Events.from_arrays(x, y, t, p, 4, 3)
     image, following = np.zeros((3, 4), np.float32), np.zeros((3, 4), np.int8)
-    columns = (events.x, events.y, events.t, events.p)
-    kernels.draw(columns, 8, 22, last, following, image)
+    kernels.draw(EventColumns.of(events), 8, 22, last, following, image)
     rows = list(zip(x.tolist(), y.tolist(), t.tolist(), p.tolist(), strict=True))
     np.testing.assert_array_equal(image, naive_event_image.draw(rows, 8, 22, last, 4, 3))
 
@@ -47,7 +47,7 @@ def test_displacements_are_found_at_any_gain(shift):
     rng = np.random.default_rng(1)
     centres = rng.uniform((20, 17), (40, 33), (40, 2))
     guesses = np.rint(centres) + shift + rng.uniform(-0.7, 0.7, (40, 2))
-    found = align(blobs((0, 0)), blobs(shift, gain=2.5), centres, guesses)
+    found = align_patches(blobs((0, 0)), blobs(shift, gain=2.5), centres, guesses)
     good = np.isfinite(found[:, 0])
     assert good.mean() > 0.9
     moved = found[good, 2:] - found[good, :2]
@@ -66,7 +66,7 @@ def test_a_growing_patch_moves_at_its_centroid():
         return image(sum(bell))
 
     centres = np.array([[28.0, 23.0], [33.0, 27.0], [30.0, 25.0], [26.0, 28.0]])
-    found = align(picture(1.0), picture(1.04), centres, centres)
+    found = align_patches(picture(1.0), picture(1.04), centres, centres)
     expected = 0.04 * (found[:, :2] - [30.0, 25.0])
     assert np.abs(found[:, 2:] - found[:, :2] - expected).max() < 0.1
     assert np.abs(found[:, :2] - centres).max() > 0.5
@@ -75,15 +75,15 @@ def test_a_growing_patch_moves_at_its_centroid():
 def test_no_answer_where_none_is_sure():
     edge = image(np.exp(-((np.arange(WIDTH) - 30.0) ** 2) / 4) * np.ones((HEIGHT, 1)))
     centre = np.array([[30.0, 25.0]])
-    assert np.isnan(align(edge, edge, centre, centre)).all(), "slides along the edge"
+    assert np.isnan(align_patches(edge, edge, centre, centre)).all(), "slides along the edge"
     flat = image(np.zeros((HEIGHT, WIDTH)))
-    assert np.isnan(align(flat, flat, centre, centre)).all()
-    assert np.isnan(align(blobs((0, 0)), flat, centre, centre)).all()
-    other = align(
+    assert np.isnan(align_patches(flat, flat, centre, centre)).all()
+    assert np.isnan(align_patches(blobs((0, 0)), flat, centre, centre)).all()
+    other = align_patches(
         blobs((0, 0)), blobs((0, 0), seed=5), *2 * [np.argwhere(np.ones((50, 60)))[:, ::-1] * 1.0]
     )
     assert np.isnan(other[:, 0]).mean() > 0.9, "other pictures correlate by chance only"
-    far = align(blobs((0, 0)), blobs((4, 0)), centre, centre)
+    far = align_patches(blobs((0, 0)), blobs((4, 0)), centre, centre)
     assert np.isnan(far).all() or abs(far[0, 2] - far[0, 0]) < 2.6
 
 
@@ -98,7 +98,7 @@ def test_patches_beyond_the_border_are_refused(size, guesses):
     picture = image(rng.normal(size=(height, width)))
     guesses = np.array(guesses)
     centres = np.clip(guesses, 0, np.array(size) - 1)
-    found = align(picture, picture, centres, guesses)
+    found = align_patches(picture, picture, centres, guesses)
     inside = np.isfinite(found[:, 0])
     low, high = RADIUS, np.array(size) - 1 - RADIUS
     assert ((np.rint(centres) > low) & (np.rint(centres) < high)).all(axis=1)[inside].all()

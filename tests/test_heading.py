@@ -1,6 +1,7 @@
 """The chain from events to headings: simulated, real, transformed, turning, broken."""
 
 import tracemalloc
+from inspect import signature
 from itertools import pairwise
 
 import numpy as np
@@ -18,9 +19,10 @@ from evcalib.camera import Camera
 from evcalib.errors import InputError
 from evcalib.events import Events
 from evcalib.geometry import angle_between, unit
-from evcalib.heading import MAX_STEPS, FitOptions, Matches, estimate_headings
+from evcalib.heading import HeadingOptions, KeyframeMatches, estimate_headings
 from evcalib.heading._estimator import HeadingEstimator
 from evcalib.heading._keyframes import BearingTable
+from evcalib.heading._options import MAX_STEPS
 from evcalib.heading._window_fit import fit
 from evcalib.surfaces import SURFACES
 
@@ -266,9 +268,9 @@ def test_pairs_whose_matches_did_not_survive_are_left_out():
     xy2 = xy1 + shift + rng.normal(0, 0.4, (n, 2))
     r1, r2 = (unit(np.column_stack(((p - (173, 130)) / focal, np.ones(n)))) for p in (xy1, xy2))
     t1 = np.full(n, 1.0)
-    cell = np.arange(n)
-    matches = Matches(r1, r2, xy1, xy2, t1, t1 + 0.05 * span, 1000 * MAX_STEPS + span, cell)
-    found = fit(matches, FitOptions("two_point", 1.5 / focal, 20, 0.1, 1e-9, 0))
+    pair = 1000 * MAX_STEPS + span
+    matches = KeyframeMatches(xy1, xy2, r1, r2, t1, t1 + 0.05 * span, pair)
+    found = fit(matches, HeadingOptions(max_sd=5.0, enough_sd=1e-7), focal)
     assert not found.agreeing[lost].any()
     assert found.agreeing[~lost].mean() > 0.9
     assert np.degrees(angle_between(found.translation.direction, (1, 0, 0))) < 3
@@ -368,6 +370,15 @@ def test_unusable_streams_are_refused(sideways):
 def test_unusable_options_are_refused(option):
     with pytest.raises(InputError, match=next(iter(option))):
         HeadingEstimator(SMALL, **option)
+
+
+@pytest.mark.parametrize("function", [estimate_headings, HeadingEstimator])
+def test_options_are_named_in_the_signature_and_no_others_taken(function):
+    named = signature(function).parameters
+    assert named["enough_sd"].default == 0.2
+    assert [n for n in named if n not in ("events", "camera")] == list(vars(HeadingOptions()))
+    with pytest.raises(TypeError, match="unexpected keyword argument 'max_sigma'"):
+        function(*[SMALL] * (len(named) - len(vars(HeadingOptions()))), max_sigma=1.0)
 
 
 @settings(deadline=None, max_examples=40)

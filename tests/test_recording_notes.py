@@ -14,9 +14,10 @@ from data_tools.simulation.trajectory import Trajectory
 from evcalib.camera import Camera
 from evcalib.events import Events
 from evcalib.geometry import angle_between
-from evcalib.heading import MAX_STEPS, Matches, estimate_headings
+from evcalib.heading import KeyframeMatches, estimate_headings
 from evcalib.heading import _snapshot as recording
 from evcalib.heading._estimator import HeadingEstimator
+from evcalib.heading._options import MAX_STEPS
 
 
 def events_at(t):
@@ -56,7 +57,8 @@ def window(number, spans, shift, agreeing):
     xy1, xy2 = np.zeros((n, 2)), np.column_stack((shift, np.zeros(n)))
     pair = np.array([number * MAX_STEPS + span for span in spans])
     zero = np.zeros(n)
-    matches = Matches(np.zeros((n, 3)), np.zeros((n, 3)), xy1, xy2, zero, zero, pair, pair)
+    rays = np.zeros((n, 3))
+    matches = KeyframeMatches(xy1, xy2, rays, rays, zero, zero, pair)
     fit = SimpleNamespace(
         agreeing=np.array(agreeing), translation=SimpleNamespace(direction=np.eye(3)[0])
     )
@@ -156,6 +158,6 @@ def test_no_matches_are_held_once_a_window_is_done(drive):
     estimator = HeadingEstimator(camera)
     estimator.update(events)
     kept = estimator.finish().headings
-    assert len(estimator._windows.found) == len(kept)
-    values = [value for one in estimator._windows.found for value in vars(one).values()]
+    assert len(estimator._windows._found) == len(kept)
+    values = [value for one in estimator._windows._found for value in vars(one).values()]
     assert max(np.size(value) for value in values) == 9

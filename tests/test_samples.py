@@ -109,9 +109,9 @@ def test_random_matches_obey_the_epipolar_constraint():
     shift, turn = np.array([0.1, 0.05, 0.2]), np.array([0.0, 0.02, 0.01])
     rng = np.random.default_rng(0)
     pair = random_matches(CAMERA, shift, rng, count=50, noise=0.0, turn=turn)
-    turned = pair.after @ rotation_vector_to_matrix(turn).T
-    np.testing.assert_allclose(np.cross(pair.before, turned) @ unit(shift), 0, atol=1e-12)
-    assert len(pair.before) == 50
+    turned = pair.r2 @ rotation_vector_to_matrix(turn).T
+    np.testing.assert_allclose(np.cross(pair.r1, turned) @ unit(shift), 0, atol=1e-12)
+    assert len(pair.r1) == 50
 
 
 def test_a_motion_that_leaves_nothing_in_sight_is_refused():

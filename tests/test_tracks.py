@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from evcalib.geometry import unit
-from evcalib.heading import Correspondences, Matches
+from evcalib.heading import Correspondences, KeyframeMatches
 from evcalib.heading._correspondences import CorrespondenceKeeper
 from evcalib.joint.tracks import Tracks, tracks_of
 
@@ -115,7 +115,7 @@ def matches(rng, n, times):
     t = np.full(2 * n, float(times))
     pair = np.full(2 * n, 128 * times, dtype=np.int64)
     none = np.zeros((2 * n, 2))
-    return Matches(r1, r2, none, none, t, t + 0.1, pair, np.zeros(2 * n, dtype=np.int64))
+    return KeyframeMatches(none, none, r1, r2, t, t + 0.1, pair)
 
 
 def fed(parts, most):
@@ -130,7 +130,7 @@ def test_short_recordings_keep_everything():
     parts = [matches(np.random.default_rng(k), 50, k) for k in range(4)]
     kept = fed(parts, 1000)
     assert len(kept) == 400
-    assert kept.r2.tolist() == Matches.pooled(parts).r2.tolist()
+    assert kept.r2.tolist() == KeyframeMatches.pooled(parts).r2.tolist()
     assert kept.heading.tolist() == np.repeat(range(4), 100).tolist()
     assert kept.pair.tolist() == np.repeat(range(4), 100).tolist()
 
@@ -160,7 +160,7 @@ def test_corners_are_kept_as_if_by_lot():
     n = len(r1)
     t, none = np.zeros(n), np.zeros((n, 2))
     whole = np.zeros(n, dtype=np.int64)
-    grid = Matches(r1, r1, none, none, t, t, whole, whole)
+    grid = KeyframeMatches(none, none, r1, r1, t, t, whole)
     for halvings in (1, 2, 3):
         share = 0.5**halvings
         keeper = CorrespondenceKeeper(most=int(1.1 * share * n))

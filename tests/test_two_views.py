@@ -10,7 +10,9 @@ from data_tools.simulation.point_matches import random_matches
 from evcalib.camera import Camera
 from evcalib.errors import InputError
 from evcalib.features import match
-from evcalib.heading.two_views import CELL_PX, Pairs, keypoints_at, matched
+from evcalib.heading import Matches
+from evcalib.heading._matches import CELL_PX
+from evcalib.heading.two_views import keypoints_at, matched
 from evcalib.plots.heading import offsets
 
 CAMERA = Camera(80, 60, 70.0, 70.0, 39.5, 29.5)
@@ -23,8 +25,7 @@ def sample():
 
 
 def pairs(n=12, seed=0):
-    pair = random_matches(CAMERA, [0.2, 0, 0], np.random.default_rng(seed), count=n, noise=0.0)
-    return Pairs(CAMERA.project(pair.before), CAMERA.project(pair.after), pair.before, pair.after)
+    return random_matches(CAMERA, [0.2, 0, 0], np.random.default_rng(seed), count=n, noise=0.0)
 
 
 def test_keypoints_come_from_the_time_before(sample):
@@ -51,11 +52,11 @@ def test_matches_are_those_of_the_matcher_and_move_to_the_left(sample):
 
 def test_pooling_keeps_every_row_in_order():
     parts = [pairs(5, 1), pairs(7, 2)]
-    pool = Pairs.pooled(parts)
+    pool = Matches.pooled(parts)
     assert len(pool) == 12
     assert np.array_equal(pool.r1[5:], parts[1].r1)
     with pytest.raises(InputError, match="no matches"):
-        Pairs.pooled([])
+        Matches.pooled([])
 
 
 def test_groups_are_cells_of_the_midpoint():

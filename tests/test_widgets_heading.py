@@ -15,7 +15,8 @@ from data_tools.simulation.point_matches import random_matches
 from evcalib.camera import Camera
 from evcalib.errors import InputError
 from evcalib.events import Events
-from evcalib.heading.two_views import Pairs, keypoints_at, matched
+from evcalib.heading import Matches
+from evcalib.heading.two_views import keypoints_at, matched
 from evcalib.plots.heading import draw_offsets
 from evcalib.surfaces._tos_ts import tos_ts
 from evcalib.widgets import heading as module
@@ -44,8 +45,7 @@ def panel():
 
 def true_pairs(direction, count=80, noise=0.1):
     shift = 0.2 * np.asarray(direction)
-    pair = random_matches(CAMERA, shift, np.random.default_rng(5), count=count, noise=noise)
-    return Pairs(CAMERA.project(pair.before), CAMERA.project(pair.after), pair.before, pair.after)
+    return random_matches(CAMERA, shift, np.random.default_rng(5), count=count, noise=noise)
 
 
 @pytest.mark.parametrize("name", ["ahead", "right"])
@@ -93,7 +93,7 @@ def test_the_sliders_choose_the_keyframes():
     assert np.array_equal(panel.pairs().xy1, parts[-1].xy1)
     assert np.array_equal(panel.pairs().xy2, parts[-1].xy2)
     panel.pool.value = True
-    assert np.array_equal(panel.pairs().r2, Pairs.pooled(parts).r2)
+    assert np.array_equal(panel.pairs().r2, Matches.pooled(parts).r2)
 
 
 def test_without_a_direction_the_panel_says_so(panel, monkeypatch):

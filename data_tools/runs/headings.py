@@ -62,15 +62,12 @@ def headings_from_files(
     camera: str | Path,
     *,
     size: str | None = None,
-    surface: str = "tos_ts",
-    solver: str = "two_point",
-    rate: float = 20.0,
-    seed: int = 0,
     time_unit: str | None = None,
     format: str | None = None,
     origin_us: int | None = None,
     disorder: str = "refuse",
     stream: str | None = None,
+    **options: Any,
 ) -> RecordingHeadings:
     """Read a recording in pieces and estimate its headings.
 
@@ -84,7 +81,7 @@ def headings_from_files(
         ``WIDTHxHEIGHT`` [px], needed where neither the camera file nor the recording tells it.
     time_unit, format, origin_us, disorder, stream
         As in :func:`data_tools.recordings.open_recording`.
-    surface, solver, rate, seed
+    **options
         As in :func:`evcalib.heading.estimate_headings`.
     """
     opened, lens = open_with_camera(
@@ -98,9 +95,7 @@ def headings_from_files(
         stream=stream,
     )
     started = time.perf_counter()
-    estimate = estimate_headings(
-        with_progress(iter(opened)), lens, surface=surface, solver=solver, rate=rate, seed=seed
-    )
+    estimate = estimate_headings(with_progress(iter(opened)), lens, **options)
     seconds = time.perf_counter() - started
     return RecordingHeadings(estimate, _summary(estimate, opened, seconds))
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -12,14 +10,7 @@ from evcalib.arrays import Floats
 from evcalib.camera import Camera
 from evcalib.errors import InputError
 from evcalib.geometry import rotation_vector_to_matrix, unit
-
-
-@dataclass(frozen=True, eq=False)
-class Matched:
-    """Bearings of the same points before and after a motion, shape (n, 3) each."""
-
-    before: Floats
-    after: Floats
+from evcalib.heading import Matches
 
 
 def random_matches(
@@ -32,7 +23,7 @@ def random_matches(
     outliers: float = 0.0,
     turn: ArrayLike = (0.0, 0.0, 0.0),
     depths: tuple[float, float] = (1.5, 6.0),
-) -> Matched:
+) -> Matches:
     """Draw points that a camera sees before and after it moves, and their noisy bearings.
 
     Parameters
@@ -75,4 +66,5 @@ def random_matches(
     wrong = rng.random(count) < outliers
     xy[wrong, 2:] = rng.uniform(0, size, (int(wrong.sum()), 2))
     xy += rng.normal(0.0, noise, xy.shape)
-    return Matched(unit(camera.bearings(xy[:, :2])), unit(camera.bearings(xy[:, 2:])))
+    xy1, xy2 = xy[:, :2], xy[:, 2:]
+    return Matches(xy1, xy2, unit(camera.bearings(xy1)), unit(camera.bearings(xy2)))

@@ -9,7 +9,6 @@ calibrations can be judged, also with models that are wrong on purpose (`Fault`)
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from inspect import signature
 
 import numpy as np
 
@@ -28,16 +27,12 @@ from data_tools.studies.sightings import (
 from evcalib.arrays import Floats
 from evcalib.camera import Camera
 from evcalib.heading import (
-    CELL_PX,
-    MAX_STEPS,
     REACH,
     Counts,
-    FitOptions,
     HeadingEstimate,
+    HeadingOptions,
     HeadingWindows,
-    Matches,
-    collected,
-    estimate_headings,
+    KeyframeMatches,
 )
 from evcalib.pipeline import RefinedCalibration, calibrate_estimate
 from evcalib.series import VelocitySeries
@@ -45,8 +40,8 @@ from evcalib.series import VelocitySeries
 STEPS = 5
 """Longest span of a pair: 0.6 s, where `evcalib.calibrate` has 0.7."""
 
-OPTIONS = {name: option.default for name, option in signature(estimate_headings).parameters.items()}
-"""The defaults of `evcalib.estimate_headings`."""
+OPTIONS = HeadingOptions(rate=RATE, max_baseline=STEPS / RATE, keep_correspondences=True)
+"""Of `evcalib.estimate_headings`, for fewer keyframes."""
 
 GATHERED = 0.06
 """Time over which a keyframe gathers its corners [s]; pairs do not share events."""
@@ -127,22 +122,14 @@ class SightingDrive:
 
     def estimate(self) -> HeadingEstimate:
         """Return headings and correspondences, made as the library makes them of matches."""
-        options = FitOptions(
-            solver=OPTIONS["solver"],
-            threshold=OPTIONS["threshold"] / self.camera.focal,
-            min_inliers=OPTIONS["min_inliers"],
-            max_sd=np.radians(OPTIONS["max_sd"]),
-            enough_sd=np.radians(OPTIONS["enough_sd"]),
-            seed=OPTIONS["seed"],
-        )
         windows: HeadingWindows[_Keyframe]
-        windows = HeadingWindows(options, STEPS, 1.0 / RATE, self._match, keep=True)
+        windows = HeadingWindows(OPTIONS, self.camera.focal, self._match)
         keyframes = _keyframes(self.sightings, self.camera)
         for keyframe in keyframes:
             windows.add(keyframe)
-        windows.drain()
-        counts = Counts(keyframes=len(keyframes), keypoints=len(self.sightings.corner))
-        return collected(windows.found, windows.gaps, counts, windows.kept)
+        return windows.result(
+            Counts(keyframes=len(keyframes), keypoints=len(self.sightings.corner))
+        )
 
     def calibrate(self, *, max_offset: float = 1.0) -> RefinedCalibration:
         """Return what `evcalib.calibrate` makes of it."""
@@ -150,7 +137,7 @@ class SightingDrive:
             self.estimate(), self.velocities, focal=self.camera.focal, max_offset=max_offset
         )
 
-    def _match(self, before: _Keyframe, after: _Keyframe) -> Matches | None:
+    def _match(self, before: _Keyframe, after: _Keyframe) -> KeyframeMatches | None:
         """Match the corners of two keyframes, some of them wrongly."""
         if before.t > after.t - GATHERED:
             return None
@@ -170,17 +157,9 @@ class SightingDrive:
         i, xy, bearings = i[near], xy[near], bearings[near]
         if not i.size:
             return None
-        columns, rows = ((before.xy[i] + xy) / (2 * CELL_PX)).astype(np.int64).T
-        number = before.number * MAX_STEPS + after.number - before.number
-        return Matches(
-            r1=before.bearings[i],
-            r2=bearings,
-            xy1=before.xy[i],
-            xy2=xy,
-            t1=np.full(i.size, before.t),
-            t2=np.full(i.size, after.t),
-            pair=np.full(i.size, number),
-            cell=rows * (self.camera.width // CELL_PX + 1) + columns,
+        t = np.full(i.size, before.t), np.full(i.size, after.t)
+        return KeyframeMatches.between(
+            before, after, (before.xy[i], xy), (before.bearings[i], bearings), t
         )
 
 

@@ -1,7 +1,7 @@
 """Events and images to corners, keypoints, descriptors and displacements."""
 
 from evcalib._moved import leftovers
-from evcalib.features._event_image import LAST, EventImage, EventImager, align
+from evcalib.features._event_image import LAST, EventImage, EventImager, align_patches
 from evcalib.features._keypoints import KeypointFinder, Keypoints, brief_pattern, match
 
 __all__ = [
@@ -10,7 +10,7 @@ __all__ = [
     "EventImager",
     "KeypointFinder",
     "Keypoints",
-    "align",
+    "align_patches",
     "brief_pattern",
     "match",
 ]

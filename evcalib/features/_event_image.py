@@ -16,10 +16,13 @@ from numpy.typing import NDArray
 
 from evcalib.arrays import Floats
 from evcalib.events import Events
+from evcalib.kernels.events import EventColumns
 from evcalib.kernels.features import event_image as kernels
 
 WAY_PX = 1.5
-"""The typical corner moves this far [px] while events are added up."""
+"""The typical corner moves this far [px] while events are added up: less leaves few events, more
+blurs the edges.  This and what follows are choices, save `LAST`, none of them fitted; half or
+double of each moves a heading by less than half a degree (`tests/test_heading_thresholds.py`)."""
 
 AHEAD = 0.5
 """Part of that time in which it is still seen what follows an event at its pixel."""
@@ -31,7 +34,8 @@ SIGMA_PX = 0.8
 """Smoothing of the images [px]: less than this is not sampled well."""
 
 LAST = 0.5
-"""Weight of an event that the other polarity follows at its pixel."""
+"""Weight of an event that the other polarity follows at its pixel: see `EventImager` for why, and
+`python -m data_tools.studies.lag` for the lag that is left."""
 
 RADIUS, STEPS, FARTHEST, LEAST = 7, 10, 2.5, 0.6
 """Patch radius [px], most iterations, farthest from the guess [px], least correlation."""
@@ -116,13 +120,14 @@ class EventImager:
         events = Events.concatenate(list(self._pieces)).between(start, t_us)
         image = np.zeros(self._shape, dtype=np.float32)
         following = np.zeros(self._shape, dtype=np.int8)
-        columns = (events.x, events.y, events.t, events.p)
-        kernels.draw(columns, start, end, self._last, following, image)
+        kernels.draw(EventColumns.of(events), start, end, self._last, following, image)
         smooth = np.asarray(cv2.GaussianBlur(image, (0, 0), SIGMA_PX), dtype=np.float32)
         return EventImage(smooth, 1e-6 * start, 1e-6 * end)
 
 
-def align(first: EventImage, second: EventImage, centres: Floats, guesses: Floats) -> Floats:
+def align_patches(
+    first: EventImage, second: EventImage, centres: Floats, guesses: Floats
+) -> Floats:
     """Find the displacement of patches between two images.
 
     Each patch of the first image is shifted over the second until the squares of their difference
@@ -147,7 +152,7 @@ def align(first: EventImage, second: EventImage, centres: Floats, guesses: Float
         guess.
     """
     out = np.empty((len(centres), 4))
-    limits = (RADIUS, STEPS, FARTHEST, LEAST)
+    limits = kernels.PatchLimits(RADIUS, STEPS, FARTHEST, LEAST)
     whole = np.rint(centres).astype(np.int64)
-    kernels.align(first.values, second.values, whole, guesses, limits, out)
+    kernels.align_patches(first.values, second.values, whole, guesses, limits, out)
     return out

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from evcalib.arrays import Flags, Floats, Integers
 from evcalib.errors import InputError
 from evcalib.events import Events
+from evcalib.kernels.events import EventColumns
 from evcalib.kernels.features import keypoints as kernels
 
 
@@ -150,7 +151,7 @@ class KeypointFinder:
                 f" the corners {corners.shape}"
             )
         sums = np.empty((len(corners), 5))
-        columns = (corners.x, corners.y, corners.t, corners.p)
+        columns = EventColumns.of(corners)
         count = kernels.gather_corners(columns, self._owner, self._first, self._disc, sums)
         self._first += count
         sums = sums[:count]

@@ -9,6 +9,7 @@ from evcalib import checks
 from evcalib.arrays import Flags
 from evcalib.errors import InputError
 from evcalib.events import Events
+from evcalib.kernels.events import EventColumns
 from evcalib.kernels.features import corners as kernels
 from evcalib.surfaces import Tos
 
@@ -48,9 +49,9 @@ class ArcStar:
         self._now = 0
         self._last = np.full((height, width, 2), kernels.NEVER)
         self._sae = np.full((2, height, width), kernels.NEVER)
-        self._circles = tuple(
-            kernels.circle_steps(circle, width)
-            for circle in (kernels.SMALL_CIRCLE, kernels.LARGE_CIRCLE)
+        self._circles = kernels.Circles(
+            kernels.circle_steps(kernels.SMALL_CIRCLE, width),
+            kernels.circle_steps(kernels.LARGE_CIRCLE, width),
         )
 
     def update(self, events: Events) -> Flags:
@@ -82,7 +83,7 @@ class ArcStar:
             raise InputError(
                 f"events start at {events.t[0]} us, before the {self._now} us already taken in"
             )
-        columns = (events.x, events.y, events.t, events.p)
+        columns = EventColumns.of(events)
         kernels.arc_star(columns, self._last, self._sae, self._filter_us, self._circles, flags)
         self._now = int(events.t[-1])
         return flags

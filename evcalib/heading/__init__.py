@@ -2,32 +2,29 @@
 
 from evcalib._moved import leftovers
 from evcalib.heading._correspondences import Correspondences
-from evcalib.heading._estimator import REACH, HeadingEstimator, estimate_headings
-from evcalib.heading._keyframes import Counts
-from evcalib.heading._matches import CELL_PX, MAX_STEPS, Matches
-from evcalib.heading._result import Gap, HeadingEstimate, collected
+from evcalib.heading._estimator import HeadingEstimator, estimate_headings
+from evcalib.heading._keyframes import REACH, Counts
+from evcalib.heading._matches import KeyframeMatches, Matches
+from evcalib.heading._options import HeadingOptions
+from evcalib.heading._result import Gap, HeadingEstimate
 from evcalib.heading._snapshot import EventRate, Snapshot
 from evcalib.heading._translation import Translation
-from evcalib.heading._window_fit import SOLVERS, FitOptions
 from evcalib.heading._windows import HeadingWindows
 
 __all__ = [
-    "CELL_PX",
-    "MAX_STEPS",
     "REACH",
-    "SOLVERS",
     "Correspondences",
     "Counts",
     "EventRate",
-    "FitOptions",
     "Gap",
     "HeadingEstimate",
     "HeadingEstimator",
+    "HeadingOptions",
     "HeadingWindows",
+    "KeyframeMatches",
     "Matches",
     "Snapshot",
     "Translation",
-    "collected",
     "estimate_headings",
 ]
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evcalib.arrays import Flags, Floats, Integers
-from evcalib.heading._matches import Matches
+from evcalib.heading._matches import KeyframeMatches
 
 MOST = 400_000
 """Most correspondences that are kept; 16 s of lively motion give about as many."""
@@ -59,9 +59,9 @@ class CorrespondenceKeeper:
         self._most = most
         self._thinning = 0
         self._count = 0
-        self._kept: list[tuple[Matches, Flags, int]] = []
+        self._kept: list[tuple[KeyframeMatches, Flags, int]] = []
 
-    def add(self, matches: Matches, agreeing: Flags, heading: int) -> None:
+    def add(self, matches: KeyframeMatches, agreeing: Flags, heading: int) -> None:
         """Keep matches of a heading."""
         self._keep(matches, agreeing, heading)
         while self._count > self._most:
@@ -70,7 +70,7 @@ class CorrespondenceKeeper:
             for part in before:
                 self._keep(*part)
 
-    def _keep(self, matches: Matches, agreeing: Flags, heading: int) -> None:
+    def _keep(self, matches: KeyframeMatches, agreeing: Flags, heading: int) -> None:
         chosen = _lot(matches.r1) >> np.uint64(64 - self._thinning) == 0 if self._thinning else None
         if chosen is not None:
             matches, agreeing = matches[chosen], agreeing[chosen]
@@ -84,7 +84,7 @@ class CorrespondenceKeeper:
             rows = np.empty((0, 3))
             whole = np.empty(0, dtype=np.int64)
             return Correspondences(rows, rows, none, none, whole > 0, whole, whole)
-        matches = Matches.pooled([part for part, _, _ in self._kept])
+        matches = KeyframeMatches.pooled([part for part, _, _ in self._kept])
         sizes = [len(part) for part, _, _ in self._kept]
         return Correspondences(
             r1=matches.r1,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,6 @@ from evcalib.camera import Camera
 from evcalib.errors import InputError
 from evcalib.events import Events
 from evcalib.features import (
-    LAST,
     EventImage,
     EventImager,
     KeypointFinder,
@@ -23,17 +23,22 @@ from evcalib.features import (
     match,
 )
 from evcalib.features.corners import DETECTORS
+from evcalib.heading._options import LOCALISATIONS, HeadingOptions
 from evcalib.kernels.heading.bearings import interpolate
 from evcalib.surfaces import SURFACES
 
 REACH_PX = 4
-"""Radius of a keypoint [px]; corner events are gathered while the corner moves that far."""
+"""Radius of a keypoint [px]; corner events are gathered while the corner moves that far.  This, the
+bounds below and `REACH` are choices; `tests/test_heading_thresholds.py` shows what half and
+double of them do to a heading: nothing that matters."""
 
 SHORTEST, LONGEST = 0.03, 0.12
-"""Bounds of the time over which corner events are gathered [s]."""
+"""Bounds of the time over which corner events are gathered [s].  Longer gathers more corners of
+slow motion, and lets fewer pairs of keyframes be matched, as these share no events."""
 
-LOCALISATIONS: dict[str, float | None] = {"symmetric": LAST, "images": 1.0, "corners": None}
-"""Where matches are measured, and the weight of last events in event images if on these."""
+REACH = 0.25
+"""Matches are sought over displacements of up to this part of the sensor's width: less finds no
+fast corners, more lets more false matches in."""
 
 GRID_PX = 2
 """Bearings are bilinear between pixels this far apart, which costs less than 0.01 px."""
@@ -66,6 +71,13 @@ class Counts:
     unseen: int = 0
 
 
+class Numbered(Protocol):
+    """What windows and matches ask of a keyframe: its number, the time in steps."""
+
+    @property
+    def number(self) -> int: ...
+
+
 @dataclass(frozen=True, eq=False)
 class Keyframe:
     """Keypoints at one time.
@@ -82,8 +94,6 @@ class Keyframe:
         Unit bearings of the keypoints.
     flow : float
         Typical speed of the corners of late [px/s]; 0 if unknown.
-    width : int
-        Width of the sensor [px].
     surface : ndarray, shape (height, width)
         What the keypoints are described on.
     image : EventImage or None
@@ -99,7 +109,6 @@ class Keyframe:
     keypoints: Keypoints
     bearings: Floats
     flow: float
-    width: int
     surface: NDArray
     image: EventImage | None
     table: BearingTable
@@ -126,27 +135,18 @@ class BearingTable:
 class KeyframeMaker:
     """Makes a keyframe at every multiple of the step that the stream passes."""
 
-    def __init__(
-        self,
-        camera: Camera,
-        detector: str,
-        surface: str,
-        rate: float,
-        seed: int,
-        localisation: str = "symmetric",
-    ) -> None:
+    def __init__(self, camera: Camera, options: HeadingOptions) -> None:
         width, height = camera.width, camera.height
         self.counts = Counts()
-        self.step = round(1e6 / rate) * 1e-6
+        self.step, self._step_us = options.step, options.step_us
         self._camera = camera
-        self._step_us = round(1e6 / rate)
         self._bearings = BearingTable(camera)
-        self._detector = DETECTORS[detector](width, height)
-        self._surface = SURFACES[surface](width, height, polarity="merged")
+        self._detector = DETECTORS[options.detector](width, height)
+        self._surface = SURFACES[options.surface](width, height, polarity="merged")
         self._finder = KeypointFinder(
-            width, height, reach=REACH_PX, pattern=brief_pattern(seed=seed)
+            width, height, reach=REACH_PX, pattern=brief_pattern(seed=options.seed)
         )
-        last = LOCALISATIONS[localisation]
+        last = LOCALISATIONS[options.localisation]
         self._imager = None if last is None else EventImager(width, height, last=last)
         self._corners: deque[Events] = deque()
         self._recent: deque[Keyframe] = deque(maxlen=3)
@@ -231,7 +231,6 @@ class KeyframeMaker:
             keypoints=keypoints,
             bearings=bearings,
             flow=flow,
-            width=self._camera.width,
             surface=surface,
             image=None if self._imager is None else self._imager.draw(t_us, flow),
             table=self._bearings,
@@ -255,7 +254,7 @@ class KeyframeMaker:
         if len(self._recent) < 3:
             return
         before, after = self._recent[0], self._recent[-1]
-        pairs = match(before.keypoints, after.keypoints, reach=0.25 * self._camera.width)
+        pairs = match(before.keypoints, after.keypoints, reach=REACH * self._camera.width)
         if len(pairs) >= 10:
             i, j = pairs.T
             shift = np.linalg.norm(after.keypoints.xy[j] - before.keypoints.xy[i], axis=1)

@@ -1,59 +1,53 @@
-"""Matched keypoints of keyframe pairs, and how far they moved."""
+"""Matched bearings of two views, and those of keyframe pairs with how far they moved."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from evcalib.arrays import Floats, Integers
-from evcalib.features import align, match
-from evcalib.heading._keyframes import Keyframe
+from evcalib.errors import InputError
+from evcalib.features import align_patches, match
+from evcalib.heading._keyframes import Keyframe, Numbered
+from evcalib.heading._options import MAX_STEPS
 
 CELL_PX = 8
-"""Correspondences whose midpoints share a cell of this side [px] see the same corner."""
-
-MAX_STEPS = 128
-"""Spans of keyframe pairs stay below this number of steps."""
+"""Matches whose midpoints share a cell of this side [px] see the same corner.  A choice: the width
+of a keypoint.  Half or double of it gives the same heading (`tests/test_heading_thresholds.py`)."""
 
 
 @dataclass(frozen=True, eq=False)
 class Matches:
-    """Matched keypoints of one or more keyframe pairs, one per row.
+    """Points that are seen twice, one per row.
 
     Attributes
     ----------
+    xy1, xy2 : ndarray, shape (n, 2)
+        Pixels before and after.
     r1, r2 : ndarray, shape (n, 3)
         Unit bearings.
-    xy1, xy2 : ndarray, shape (n, 2)
-        Pixels.
-    t1, t2 : ndarray, shape (n,)
-        Times of the keypoints [s].
-    pair : ndarray of int64, shape (n,)
-        Number of the keyframe pair, 128 times its earlier keyframe plus its span.
-    cell : ndarray of int64, shape (n,)
-        Number of the cell of the midpoint: equal for sightings of one corner.
     """
 
-    r1: Floats
-    r2: Floats
     xy1: Floats
     xy2: Floats
-    t1: Floats
-    t2: Floats
-    pair: Integers
-    cell: Integers
+    r1: Floats
+    r2: Floats
 
     def __len__(self) -> int:
-        return int(self.t1.size)
+        return len(self.r1)
 
-    def __getitem__(self, rows: NDArray) -> Matches:
+    def __getitem__(self, rows: NDArray) -> Self:
         return replace(self, **{f.name: getattr(self, f.name)[rows] for f in fields(self)})
 
     @classmethod
-    def pooled(cls, parts: list[Matches]) -> Matches:
-        """Return the rows of all parts; there is at least one part."""
+    def pooled(cls, parts: Sequence[Self]) -> Self:
+        """Return the rows of all parts, of which there must be one at least."""
+        if not parts:
+            raise InputError("there are no matches to pool")
         return cls(
             *(np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(cls))
         )
@@ -62,6 +56,35 @@ class Matches:
     def shift(self) -> Floats:
         """Displacement of each [px]."""
         return np.hypot(*(self.xy2 - self.xy1).T)
+
+    @property
+    def groups(self) -> Integers:
+        """Equal numbers for matches that see the same corner, shape (n,); see `two_point`."""
+        cells = np.floor((self.xy1 + self.xy2) / (2 * CELL_PX))
+        return np.unique(cells, axis=0, return_inverse=True)[1].ravel().astype(np.int64)
+
+
+@dataclass(frozen=True, eq=False)
+class KeyframeMatches(Matches):
+    """Matches of one or more keyframe pairs, with the attributes of `Matches` and these.
+
+    Attributes
+    ----------
+    t1, t2 : ndarray, shape (n,)
+        Times of the points [s].
+    pair : ndarray of int64, shape (n,)
+        Number of the keyframe pair, 128 times its earlier keyframe plus its span.
+    """
+
+    t1: Floats
+    t2: Floats
+    pair: Integers
+
+    @property
+    def groups(self) -> Integers:
+        """Numbers as in `Matches`, counted without sorting: a window asks for them often."""
+        columns, rows = ((self.xy1 + self.xy2) / (2 * CELL_PX)).astype(np.int64).T
+        return rows * (columns.max(initial=0) + 1) + columns
 
     @property
     def span(self) -> Integers:
@@ -73,10 +96,23 @@ class Matches:
         """Sum of the two keyframe numbers: twice the middle."""
         return 2 * (self.pair // MAX_STEPS) + self.span
 
+    @classmethod
+    def between(
+        cls,
+        before: Numbered,
+        after: Numbered,
+        xy: tuple[Floats, Floats],
+        r: tuple[Floats, Floats],
+        t: tuple[Floats, Floats],
+    ) -> Self:
+        """Return the matches of two keyframes from pixels, bearings and times in both."""
+        pair = before.number * MAX_STEPS + after.number - before.number
+        return cls(*xy, *r, *t, np.full(len(t[0]), pair))
+
 
 def match_keyframes(
     before: Keyframe, after: Keyframe, reach: float, *, aligned: bool = True
-) -> Matches | None:
+) -> KeyframeMatches | None:
     """Match two keyframes; None without matches.
 
     Parameters
@@ -94,7 +130,7 @@ def match_keyframes(
         return None
     if aligned:
         return _aligned(before, after, i, j)
-    return _collected(
+    return KeyframeMatches.between(
         before,
         after,
         (before.keypoints.xy[i], after.keypoints.xy[j]),
@@ -103,7 +139,7 @@ def match_keyframes(
     )
 
 
-def _aligned(before: Keyframe, after: Keyframe, i: Integers, j: Integers) -> Matches | None:
+def _aligned(before: Keyframe, after: Keyframe, i: Integers, j: Integers) -> KeyframeMatches | None:
     """Measure matches of keypoints on the event images; None if none can be."""
     first, second = before.image, after.image
     if first is None or second is None or first.end > second.start:
@@ -111,39 +147,17 @@ def _aligned(before: Keyframe, after: Keyframe, i: Integers, j: Integers) -> Mat
     xy1, xy2 = before.keypoints.xy[i], after.keypoints.xy[j]
     speed = (xy2 - xy1) / (after.keypoints.t[j] - before.keypoints.t[i])[:, None]
     start = np.rint(xy1)
-    found = align(first, second, start, start + speed * (second.t - first.t))
+    found = align_patches(first, second, start, start + speed * (second.t - first.t))
     found = found[np.isfinite(found[:, 0])]
     places = found[:, :2], found[:, 2:]
     bearings = before.table(places[0]), after.table(places[1])
     seen = np.isfinite(bearings[0][:, 0]) & np.isfinite(bearings[1][:, 0])
     if not seen.any():
         return None
-    return _collected(
+    return KeyframeMatches.between(
         before,
         after,
         (places[0][seen], places[1][seen]),
         (bearings[0][seen], bearings[1][seen]),
         (np.full(seen.sum(), first.t), np.full(seen.sum(), second.t)),
-    )
-
-
-def _collected(
-    before: Keyframe,
-    after: Keyframe,
-    xy: tuple[Floats, Floats],
-    bearings: tuple[Floats, Floats],
-    t: tuple[Floats, Floats],
-) -> Matches:
-    """Return matches of two keyframes, numbered by pair and cell."""
-    columns, rows = ((xy[0] + xy[1]) / (2 * CELL_PX)).astype(np.int64).T
-    pair = before.number * MAX_STEPS + after.number - before.number
-    return Matches(
-        r1=bearings[0],
-        r2=bearings[1],
-        xy1=xy[0],
-        xy2=xy[1],
-        t1=t[0],
-        t2=t[1],
-        pair=np.full(len(rows), pair),
-        cell=rows * (before.width // CELL_PX + 1) + columns,
     )

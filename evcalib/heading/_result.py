@@ -9,7 +9,7 @@ import numpy as np
 from evcalib.arrays import Floats
 from evcalib.heading._correspondences import CorrespondenceKeeper, Correspondences
 from evcalib.heading._keyframes import Counts
-from evcalib.heading._snapshot import EventRate, Snapshot, SnapshotKeeper
+from evcalib.heading._snapshot import EventRate, Snapshot
 from evcalib.heading._window_fit import Fit
 from evcalib.series import HeadingSeries
 
@@ -105,13 +105,8 @@ def collected(
     gaps: list[Gap],
     counts: Counts,
     kept: CorrespondenceKeeper | None,
-    rate: EventRate | None = None,
-    snapshots: SnapshotKeeper | None = None,
 ) -> HeadingEstimate:
     """Return the result of a whole stream."""
-    snapshot = None
-    if rate is not None and snapshots is not None:
-        snapshot = snapshots.result(float(rate.t[0]), float(rate.t[-1]) + rate.width)
     t, t_start, t_end, sd, inliers, share = (
         np.array([getattr(one, name) for one in found], dtype=np.float64)
         for name in ("t", "t_start", "t_end", "sd", "inliers", "share")
@@ -124,6 +119,4 @@ def collected(
         counts=counts,
         correspondences=None if kept is None else kept.result(),
         inlier_share=share,
-        event_rate=rate,
-        snapshot=snapshot,
     )

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from evcalib.arrays import Flags, Floats, Integers
 from evcalib.events import Events
 from evcalib.heading._keyframes import Keyframe
-from evcalib.heading._matches import MAX_STEPS, Matches
+from evcalib.heading._matches import KeyframeMatches
+from evcalib.heading._options import MAX_STEPS
 from evcalib.heading._window_fit import Fit
 from evcalib.surfaces.quality import grey
 
@@ -105,7 +106,7 @@ class _Candidate:
     worth: float
     before: Keyframe
     after: Keyframe
-    matches: Matches
+    matches: KeyframeMatches
     inlier: Flags
     direction: Floats
 
@@ -125,14 +126,14 @@ class SnapshotKeeper:
         self._width = 0.5
         self._best: dict[int, _Candidate] = {}
 
-    def offer(self, keyframes: Sequence[Keyframe], matches: Matches, fit: Fit) -> None:
+    def offer(self, keyframes: Sequence[Keyframe], matches: KeyframeMatches, fit: Fit) -> None:
         """Take the pair of a window whose agreeing matches moved farthest in all.
 
         Parameters
         ----------
         keyframes : sequence of Keyframe
             Those of the window, with numbers that follow each other.
-        matches : Matches
+        matches : KeyframeMatches
             All matches of the window.
         fit : Fit
             What was found in them.

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from evcalib.arrays import Flags, Integers
-from evcalib.heading._matches import Matches
+from evcalib.heading._matches import KeyframeMatches
+from evcalib.heading._options import SOLVERS, HeadingOptions
 from evcalib.heading._translation import Translation
-from evcalib.heading.epipolar import five_point, turn_explains, two_point
+from evcalib.heading.epipolar import turn_explains
 
 TOO_FEW = "too few corners"
 STILL = "standing still, or too little motion"
@@ -19,38 +19,26 @@ NO_PARALLAX = "no parallax: a turn explains the matches"
 UNCERTAIN = "direction uncertain"
 NOT_NEWER = "not newer than the heading before"
 
+# What follows are choices, none of them fitted to data.  Half or double of each gives the same
+# heading of a simulated drive (tests/test_heading_thresholds.py); that standing still, noise and
+# lost matches are refused is tested in tests/test_heading.py.
+
 STILL_PX = 2.0
-"""A median displacement [px] below this over the longer spans is localisation noise."""
+"""A median displacement [px] below this over the longer spans is localisation noise: a few times
+the 0.1 to 0.5 px by which matches scatter."""
 
 SURVIVAL = 0.5
-"""A pair is kept if its share of inliers is at least this part of the best pair's."""
+"""A pair is kept if its share of inliers is at least this part of the best pair's.  Higher, and
+good pairs go by chance; lower, and pairs stay whose matches are mostly false."""
 
 SHARE = 0.3
 """Least share of inliers; a strip of the threshold's width around random flow holds a tenth."""
 
 SHORTEN = 0.75
-"""Part of the longest span that is left where a heading is certain enough."""
+"""Part of the longest span that is left where a heading is certain enough; each step is a fit."""
 
 CELLS = 8
-"""Fewest cells that inliers come from."""
-
-_SOLVERS: dict[str, Callable[..., Translation | None]] = {
-    "two_point": two_point,
-    "five_point": five_point,
-}
-SOLVERS = tuple(_SOLVERS)
-
-
-@dataclass(frozen=True)
-class FitOptions:
-    """What `fit` needs to know: threshold, max_sd and enough_sd in radians."""
-
-    solver: str
-    threshold: float
-    min_inliers: int
-    max_sd: float
-    enough_sd: float
-    seed: int
+"""Fewest cells that inliers come from: many matches of few corners do not fix a direction."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,8 +56,8 @@ class Fit:
     t_end: float
 
 
-def fit(matches: Matches, options: FitOptions) -> Fit | str:
-    """Return the heading of a window's matches, or why there is none."""
+def fit(matches: KeyframeMatches, options: HeadingOptions, focal: float) -> Fit | str:
+    """Return the heading of a window's matches, or why there is none; `focal` in pixels."""
     if len(matches) < options.min_inliers:
         return TOO_FEW
     longer = matches.span >= np.median(matches.span)
@@ -78,38 +66,43 @@ def fit(matches: Matches, options: FitOptions) -> Fit | str:
     rows = np.ones(len(matches), dtype=np.bool_)
     if options.solver == "five_point":
         rows = _one_pair(matches)
-    translation = _solve(matches, rows, options)
+    translation = _solve(matches, rows, options, focal)
     if translation is None:
         return DISAGREE
     kept = _surviving(matches.pair[rows], translation.inliers)
     if not kept.all():
         rows[rows] = kept
-        translation = _solve(matches, rows, options)
+        translation = _solve(matches, rows, options, focal)
         if translation is None:
             return DISAGREE
     reason = _objection(matches, rows, translation, options)
     if reason:
         return reason
     agreeing = _spread(rows, translation.inliers)
-    rows, translation = _shortened(matches, rows, translation, options)
+    rows, translation = _shortened(matches, rows, translation, options, focal)
     inliers = _spread(rows, translation.inliers)
     return Fit(translation, agreeing, int(inliers.sum()), *_mean_times(matches, inliers))
 
 
 def _shortened(
-    matches: Matches, rows: Flags, translation: Translation, options: FitOptions
+    matches: KeyframeMatches,
+    rows: Flags,
+    translation: Translation,
+    options: HeadingOptions,
+    focal: float,
 ) -> tuple[Flags, Translation]:
     """Leave out the longest spans as long as the direction stays certain enough.
 
     A heading is an average over its spans: the shorter they are, the better it follows a turn of
     the motion.
     """
-    while options.solver == "two_point" and translation.sd < options.enough_sd:
+    enough = np.deg2rad(options.enough_sd)
+    while options.solver == "two_point" and translation.sd < enough:
         shorter = rows & (matches.span <= SHORTEN * matches.span[rows].max())
         if shorter.sum() < options.min_inliers:
             break
-        trial = _solve(matches, shorter, options)
-        if trial is None or trial.sd > options.enough_sd:
+        trial = _solve(matches, shorter, options, focal)
+        if trial is None or trial.sd > enough:
             break
         rows, translation = shorter, trial
     return rows, translation
@@ -122,21 +115,24 @@ def _spread(rows: Flags, values: Flags) -> Flags:
     return out
 
 
-def _solve(matches: Matches, rows: Flags, options: FitOptions) -> Translation | None:
-    return _SOLVERS[options.solver](
+def _solve(
+    matches: KeyframeMatches, rows: Flags, options: HeadingOptions, focal: float
+) -> Translation | None:
+    return SOLVERS[options.solver](
         matches.r1[rows],
         matches.r2[rows],
-        threshold=options.threshold,
+        threshold=options.threshold / focal,
         seed=options.seed,
-        groups=matches.cell[rows],
+        groups=matches.groups[rows],
     )
 
 
 def _objection(
-    matches: Matches, rows: Flags, translation: Translation, options: FitOptions
+    matches: KeyframeMatches, rows: Flags, translation: Translation, options: HeadingOptions
 ) -> str | None:
     """Return what speaks against a heading that was fitted to some rows."""
-    inliers, cell, span = translation.inliers, matches.cell[rows], matches.span[rows]
+    inliers, span = translation.inliers, matches.span[rows]
+    cell = matches.groups[rows]
     if inliers.sum() < options.min_inliers or np.count_nonzero(np.bincount(cell[inliers])) < CELLS:
         return TOO_FEW
     if inliers.mean() < SHARE:
@@ -153,7 +149,7 @@ def _objection(
         groups=cell[long],
     ):
         return NO_PARALLAX
-    if not translation.sd <= options.max_sd:
+    if not translation.sd <= np.deg2rad(options.max_sd):
         return UNCERTAIN
     return None
 
@@ -167,7 +163,7 @@ def _surviving(pair: Integers, inliers: Flags) -> Flags:
     return (share >= SURVIVAL * best)[number]
 
 
-def _one_pair(matches: Matches) -> Flags:
+def _one_pair(matches: KeyframeMatches) -> Flags:
     """Tell which rows belong to the longest central pair with at least half as many as the best.
 
     Pairs about the very middle of the window keep the times of the headings apart.
@@ -182,7 +178,7 @@ def _numbered(pair: Integers) -> Integers:
     return np.cumsum(np.append(0, pair[1:] != pair[:-1]))
 
 
-def _mean_times(matches: Matches, rows: Flags) -> tuple[float, float, float]:
+def _mean_times(matches: KeyframeMatches, rows: Flags) -> tuple[float, float, float]:
     """Return mean time, mean start and mean end, each match weighted by its information."""
     weight = matches.shift[rows] ** 2
     start, end = (float(np.average(t[rows], weights=weight)) for t in (matches.t1, matches.t2))

@@ -4,20 +4,14 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Sequence
-from typing import Generic, Protocol, TypeVar
+from typing import Generic, TypeVar
 
 from evcalib.heading._correspondences import CorrespondenceKeeper
-from evcalib.heading._matches import Matches
-from evcalib.heading._result import Found, Gap
-from evcalib.heading._window_fit import NOT_NEWER, TOO_FEW, Fit, FitOptions, fit
-
-
-class Numbered(Protocol):
-    """What a window asks of a keyframe: its number, the time in steps."""
-
-    @property
-    def number(self) -> int: ...
-
+from evcalib.heading._keyframes import Counts, Numbered
+from evcalib.heading._matches import KeyframeMatches
+from evcalib.heading._options import HeadingOptions
+from evcalib.heading._result import Found, Gap, HeadingEstimate, collected
+from evcalib.heading._window_fit import NOT_NEWER, TOO_FEW, Fit, fit
 
 K = TypeVar("K", bound=Numbered)
 
@@ -27,39 +21,33 @@ class HeadingWindows(Generic[K]):
 
     Parameters
     ----------
-    options : FitOptions
-        Of the fit.
-    steps : int
-        Longest span of a pair of keyframes.
-    step : float
-        Time between keyframes [s].
+    options : HeadingOptions
+        Of these the solver's, and how far apart keyframes are and may be matched.
+    focal : float
+        Focal length of the camera [px].
     match : callable
         Matches of two keyframes, the earlier first; None without any.
-    keep : bool
-        Keep the matches behind the headings.
     on_heading : callable
         Called with the keyframes at hand, the matches of the window and its fit.
     """
 
     def __init__(
         self,
-        options: FitOptions,
-        steps: int,
-        step: float,
-        match: Callable[[K, K], Matches | None],
+        options: HeadingOptions,
+        focal: float,
+        match: Callable[[K, K], KeyframeMatches | None],
         *,
-        keep: bool = False,
-        on_heading: Callable[[Sequence[K], Matches, Fit], object] = lambda *_: None,
+        on_heading: Callable[[Sequence[K], KeyframeMatches, Fit], object] = lambda *_: None,
     ) -> None:
-        self._options, self._steps, self._step = options, steps, step
+        self._options, self._focal = options, focal
         self._match, self._on_heading = match, on_heading
-        self._lag = steps // 2 + 1
+        self._lag = options.steps // 2 + 1
         self._keyframes: deque[K] = deque(maxlen=2 * self._lag + 1)
         self._next = 0
-        self._pairs: dict[int, list[Matches]] = {}
-        self.kept = CorrespondenceKeeper() if keep else None
-        self.found: list[Found] = []
-        self.gaps: list[Gap] = []
+        self._pairs: dict[int, list[KeyframeMatches]] = {}
+        self._kept = CorrespondenceKeeper() if options.keep_correspondences else None
+        self._found: list[Found] = []
+        self._gaps: list[Gap] = []
 
     def add(self, keyframe: K) -> None:
         """Take in the next keyframe."""
@@ -78,6 +66,11 @@ class HeadingWindows(Generic[K]):
         self._keyframes.clear()
         self._pairs.clear()
 
+    def result(self, counts: Counts) -> HeadingEstimate:
+        """Return the headings of all keyframes taken in, and what became of the stream."""
+        self.drain()
+        return collected(self._found, self._gaps, counts, self._kept)
+
     def _close(self) -> None:
         """Fit the window around keyframe `_next`: pairs whose middles lie within a step of it."""
         centre = self._next
@@ -87,29 +80,29 @@ class HeadingWindows(Generic[K]):
         known = self._pairs
         self._pairs = {k: known[k] if k in known else self._matches(k) for k in middles}
         parts = [pair for k in middles for pair in self._pairs[k]]
-        t = centre * self._step
+        t = centre * self._options.step
         if not parts:
-            self.gaps.append(Gap(t, TOO_FEW))
+            self._gaps.append(Gap(t, TOO_FEW))
             return
-        matches = Matches.pooled(parts)
-        found = fit(matches, self._options)
-        if isinstance(found, Fit) and self.found and found.t <= self.found[-1].t:
+        matches = KeyframeMatches.pooled(parts)
+        found = fit(matches, self._options, self._focal)
+        if isinstance(found, Fit) and self._found and found.t <= self._found[-1].t:
             found = NOT_NEWER
         if isinstance(found, str):
-            self.gaps.append(Gap(t, found))
+            self._gaps.append(Gap(t, found))
             return
-        if self.kept is not None:
+        if self._kept is not None:
             # Each pair belongs to the window whose middle is nearest, or just before.
             own = matches.middle // 2 == centre
-            self.kept.add(matches[own], found.agreeing[own], len(self.found))
+            self._kept.add(matches[own], found.agreeing[own], len(self._found))
         self._on_heading(self._keyframes, matches, found)
-        self.found.append(Found.of(found))
+        self._found.append(Found.of(found))
 
-    def _matches(self, middle: int) -> list[Matches]:
+    def _matches(self, middle: int) -> list[KeyframeMatches]:
         """Match all keyframe pairs whose numbers add up to `middle`, within the baselines."""
         first = self._keyframes[0].number
         found = []
-        for span in range(1 + (middle + 1) % 2, self._steps + 1, 2):
+        for span in range(1 + (middle + 1) % 2, self._options.steps + 1, 2):
             low, high = (middle - span) // 2 - first, (middle + span) // 2 - first
             if low < 0 or high >= len(self._keyframes):
                 break

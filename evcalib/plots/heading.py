@@ -13,8 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from evcalib.arrays import Flags, Floats
 from evcalib.camera import Camera
 from evcalib.geometry import angle_between, unit
-from evcalib.heading import Translation
-from evcalib.heading.two_views import Pairs
+from evcalib.heading import Matches, Translation
 from evcalib.plots import style
 from evcalib.surfaces.quality import grey
 
@@ -22,7 +21,7 @@ LINES = 15
 """About so many epipolar lines are drawn."""
 
 
-def draw_matches(ax: Axes, camera: Camera, pairs: Pairs, inliers: Flags | None = None) -> None:
+def draw_matches(ax: Axes, camera: Camera, pairs: Matches, inliers: Flags | None = None) -> None:
     """Draw matches as strokes that end in a dot where the point came to.
 
     Parameters
@@ -31,7 +30,7 @@ def draw_matches(ax: Axes, camera: Camera, pairs: Pairs, inliers: Flags | None =
         Where to draw.
     camera : Camera
         Gives the size of the image.
-    pairs : Pairs
+    pairs : Matches
         The matches.
     inliers : ndarray of bool, shape (n,), optional
         Which of them a direction explains; without, all look like plain measurements.
@@ -100,7 +99,7 @@ def draw_focus(
 
 
 def draw_heading(
-    ax: Axes, camera: Camera, pairs: Pairs, found: Translation | None, truth: ArrayLike
+    ax: Axes, camera: Camera, pairs: Matches, found: Translation | None, truth: ArrayLike
 ) -> None:
     """Draw matches, the epipolar lines of the heading found for them, and both focuses.
 
@@ -110,7 +109,7 @@ def draw_heading(
         Where to draw.
     camera : Camera
         The camera.
-    pairs : Pairs
+    pairs : Matches
         The matches.
     found : Translation or None
         What a solver made of them.

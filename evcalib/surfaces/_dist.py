@@ -10,6 +10,7 @@ from evcalib import checks
 from evcalib.arrays import Floats
 from evcalib.errors import InputError
 from evcalib.events import Events
+from evcalib.kernels.events import EventColumns
 from evcalib.kernels.surfaces.dist import NONE, dist_render, dist_update
 from evcalib.kernels.surfaces.time_surface import NEVER
 from evcalib.surfaces._base import Surface, odd_side, render_once
@@ -71,10 +72,8 @@ class Dist(Surface):
             self._start = int(events.t[0])
         rows, stride = self._state.shape[2:]
         corner = self.patch // 2 * (stride + 1)
-        columns = (events.x, events.y, events.t, events.p)
-        dist_update(
-            self._state.reshape(3, -1), self._plane(rows * stride), corner, stride, *columns
-        )
+        state, plane = self._state.reshape(3, -1), self._plane(rows * stride)
+        dist_update(state, plane, corner, stride, EventColumns.of(events))
 
     def _image(self, t: int) -> Floats:
         options = (self._start, self.alpha, self.patch // 2, self.clip)

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evcalib.events import Events
+from evcalib.kernels.events import EventColumns
 from evcalib.kernels.surfaces.silc import silc_update
 from evcalib.surfaces._base import LARGEST_PATCH, render_once, whole
 from evcalib.surfaces._tos import _Bordered
@@ -35,8 +36,8 @@ class Silc(_Bordered):
         super().__init__(width, height, polarity)
 
     def _take(self, events: Events) -> None:
-        plane, x, y = self._plane(self._cells), events.x, events.y
-        silc_update(self._side)(self._flat, plane, x, y, events.p, self._stride)
+        plane, columns = self._plane(self._cells), EventColumns.of(events)
+        silc_update(self._side)(self._flat, plane, columns, self._stride)
 
 
 def silc(

@@ -8,6 +8,7 @@ from evcalib import checks
 from evcalib.arrays import Floats, Integers
 from evcalib.errors import InputError
 from evcalib.events import Events
+from evcalib.kernels.events import EventColumns
 from evcalib.kernels.surfaces.time_surface import NEVER, decay, sae_update
 from evcalib.surfaces._base import Surface, render_once
 
@@ -40,7 +41,7 @@ class TimeSurface(Surface):
 
     def _take(self, events: Events) -> None:
         plane = self._plane(self.height * self.width)
-        sae_update(self._sae, plane, events.x, events.y, events.t, events.p, self.width)
+        sae_update(self._sae, plane, EventColumns.of(events), self.width)
 
     def _image(self, t: int) -> Floats:
         out = np.empty(self._sae.size)

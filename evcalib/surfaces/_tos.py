@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evcalib.events import Events
+from evcalib.kernels.events import EventColumns
 from evcalib.kernels.surfaces.tos import tos_update
 from evcalib.kernels.surfaces.vector import lanes
 from evcalib.surfaces._base import Surface, odd_side, render_once, whole
@@ -67,8 +68,8 @@ class Tos(_Bordered):
         super().__init__(width, height, polarity)
 
     def _take(self, events: Events) -> None:
-        plane, x, y = self._plane(self._cells), events.x, events.y
-        tos_update(self.k)(self._flat, plane, x, y, events.p, self._stride, self.threshold)
+        plane, columns = self._plane(self._cells), EventColumns.of(events)
+        tos_update(self.k)(self._flat, plane, columns, self._stride, self.threshold)
 
 
 def tos(

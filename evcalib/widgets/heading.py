@@ -15,9 +15,9 @@ from evcalib.errors import InputError
 from evcalib.events import Events
 from evcalib.features import Keypoints
 from evcalib.geometry import angle_between
-from evcalib.heading import Translation
+from evcalib.heading import Matches, Translation
 from evcalib.heading.epipolar import five_point, two_point
-from evcalib.heading.two_views import Pairs, keypoints_at, matched
+from evcalib.heading.two_views import keypoints_at, matched
 from evcalib.plots import style
 from evcalib.plots.heading import draw_backdrop, draw_heading, draw_offsets
 from evcalib.surfaces.quality import surface_images
@@ -88,7 +88,7 @@ class HeadingPanel(Panel):
         controls = (self.recording, self.solver, self.middle, self.baseline, self.pool)
         self._start(controls, [*rows, self.picture, self.numbers])
 
-    def pairs(self) -> Pairs | None:
+    def pairs(self) -> Matches | None:
         """Return the matches that the sliders stand for; None if a keyframe is not there."""
         name = self.recording.value
         camera, keypoints = self.recordings[name].camera, self._keypoints_of(name)
@@ -100,16 +100,16 @@ class HeadingPanel(Panel):
             for a, b in ends
             if a >= 1 and b <= len(keypoints)
         ]
-        return Pairs.pooled(parts) if parts else None
+        return Matches.pooled(parts) if parts else None
 
-    def solve(self, pairs: Pairs) -> Translation | None:
+    def solve(self, pairs: Matches) -> Translation | None:
         """Return what the chosen solver makes of matches."""
         camera = self.recordings[self.recording.value].camera
         solver = SOLVERS[self.solver.value]
         threshold = THRESHOLD_PX / camera.focal
         return solver(pairs.r1, pairs.r2, threshold=threshold, groups=pairs.groups)
 
-    def draw(self, pairs: Pairs, found: Translation | None) -> bytes:
+    def draw(self, pairs: Matches, found: Translation | None) -> bytes:
         """Return matches and heading as a PNG picture."""
         recording = self.recordings[self.recording.value]
         wipe(self._axes)
@@ -131,7 +131,7 @@ class HeadingPanel(Panel):
         later = 1000 * (self.middle.value + self.baseline.value // 2)
         return surface_images("tos_ts", events, [later])[0]
 
-    def report(self, pairs: Pairs, found: Translation | None) -> str:
+    def report(self, pairs: Matches, found: Translation | None) -> str:
         """Return the numbers behind the picture."""
         moved = float(np.median(np.hypot(*(pairs.xy2 - pairs.xy1).T))) if len(pairs) else 0.0
         start = f"{len(pairs)} matches, which moved by {moved:.1f} px (median). "

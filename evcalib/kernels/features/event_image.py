@@ -1,6 +1,7 @@
 """Loops of event images: drawing them, and aligning patches of two."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -10,14 +11,23 @@ _TOLERANCE = 0.01
 """A patch rests when a step is shorter than this [px]."""
 
 
+class PatchLimits(NamedTuple):
+    """What a patch is, and what is asked of its place in another image."""
+
+    radius: int  # [px]
+    steps: int  # most iterations
+    farthest: float  # from the guess [px]
+    least: float  # correlation
+
+
 @jit
 def draw(events, start, end, last, following, image):
     """Add up the polarities of the events from `start` up to before `end`.
 
     Parameters
     ----------
-    events : tuple of x, y, t, p
-        Columns of the events, ascending in time; those from `end` on tell what follows.
+    events : EventColumns
+        The events; those from `end` on tell what follows.
     start, end : int
         Times [us].
     last : float
@@ -28,13 +38,12 @@ def draw(events, start, end, last, following, image):
     image : ndarray of float32, shape (height, width)
         Output, zeros before.
     """
-    xs, ys, ts, ps = events
-    for i in range(xs.size - 1, -1, -1):
-        if ts[i] < start:
+    for i in range(events.t.size - 1, -1, -1):
+        if events.t[i] < start:
             break
-        x, y = np.int64(xs[i]), np.int64(ys[i])
-        sign = 1 if ps[i] else -1
-        if ts[i] < end:
+        x, y = np.int64(events.x[i]), np.int64(events.y[i])
+        sign = 1 if events.p[i] else -1
+        if events.t[i] < end:
             after = following[y, x]
             weight = 1.0 if after == sign else (last if after == -sign else 0.5 * (1.0 + last))
             image[y, x] += sign * weight
@@ -100,7 +109,7 @@ def _compare(patch, image, x, y, sums):
 
 
 @jit
-def align(first, second, centres, guesses, limits, out):
+def align_patches(first, second, centres, guesses, limits, out):
     """Find where patches of one image lie in another: Lucas and Kanade's inverse iteration.
 
     The patches may differ by a factor.
@@ -113,14 +122,14 @@ def align(first, second, centres, guesses, limits, out):
         Columns x, y: middles of the patches in the first image.
     guesses : ndarray of float64, shape (n, 2)
         Where they are about in the second.
-    limits : tuple of int, int, float, float
-        Radius of a patch [px], most steps, farthest from the guess [px], least correlation.
+    limits : PatchLimits
+        What counts as found.
     out : ndarray of float64, shape (n, 4)
         Output: centroid of the patch, weighted by its squared slopes, in the first image, and
         where it is in the second.  NaN where the patch leaves an image, has structure in one
         direction only, correlates too little or does not come to rest near the guess.
     """
-    radius, steps, farthest, least = limits
+    radius = limits.radius
     height, width = first.shape
     side = 2 * radius + 1
     patch = np.empty((3, side, side), dtype=np.float32)
@@ -137,9 +146,9 @@ def align(first, second, centres, guesses, limits, out):
             continue
         mx, my = mx / (xx + yy), my / (xx + yy)
         x, y = guesses[k]
-        for _ in range(steps):
+        for _ in range(limits.steps):
             inside = radius <= x < width - 1 - radius and radius <= y < height - 1 - radius
-            if not inside or math.hypot(x - guesses[k, 0], y - guesses[k, 1]) > farthest:
+            if not inside or math.hypot(x - guesses[k, 0], y - guesses[k, 1]) > limits.farthest:
                 break
             v, gx, gy, square = _compare(patch, second, x, y, sums)
             if v <= 0.0:
@@ -149,6 +158,6 @@ def align(first, second, centres, guesses, limits, out):
             dy = (xx * gy - xy * gx) / determinant
             x, y = x - dx, y - dy
             if dx * dx + dy * dy < _TOLERANCE**2:
-                if v > least * math.sqrt(vv * square):
+                if v > limits.least * math.sqrt(vv * square):
                     out[k, 0], out[k, 1], out[k, 2], out[k, 3] = cx + mx, cy + my, x + mx, y + my
                 break

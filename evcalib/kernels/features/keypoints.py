@@ -20,8 +20,8 @@ def gather_corners(events, owner, first, disc, sums):
 
     Parameters
     ----------
-    events : tuple of x, y, t, p
-        Columns of the corner events, ascending in time.
+    events : EventColumns
+        The corner events.
     owner : ndarray of int64, shape (2, height, width)
         Number of each pixel's owner; those below `first` are of calls before and count as none.
     first : int
@@ -31,11 +31,10 @@ def gather_corners(events, owner, first, disc, sums):
     sums : ndarray of float64, shape (n, 5)
         Output, room for one keypoint per event: sums of x, y and t, number of events, polarity.
     """
-    xs, ys, ts, ps = events
     _, height, width = owner.shape
     found = 0
-    for i in range(xs.size - 1, -1, -1):
-        x, y, p = np.int64(xs[i]), np.int64(ys[i]), np.int64(ps[i])
+    for i in range(events.t.size - 1, -1, -1):
+        x, y, p = np.int64(events.x[i]), np.int64(events.y[i]), np.int64(events.p[i])
         k = owner[p, y, x] - first
         if k < 0:
             k = found
@@ -49,7 +48,7 @@ def gather_corners(events, owner, first, disc, sums):
             sums[k, 4] = p
         sums[k, 0] += x
         sums[k, 1] += y
-        sums[k, 2] += ts[i]
+        sums[k, 2] += events.t[i]
         sums[k, 3] += 1.0
     return found
 

@@ -5,12 +5,21 @@ t . (r1 x r2) = 0; its Sampson residual [rad] is t . (r1 x r2) / sqrt(|t x r1|^2
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from evcalib.kernels.jit import jit
 from evcalib.kernels.linalg import cross, dot, tangent_basis
 from evcalib.kernels.splitmix import draw
+
+
+class Bearings(NamedTuple):
+    """The same points before and after."""
+
+    r1: np.ndarray  # (n, 3) unit rows
+    r2: np.ndarray  # (n, 3)
+    normals: np.ndarray  # (n, 3) r1 x r2
 
 
 @jit
@@ -22,15 +31,17 @@ def _sampson(t, r1, r2, normal):
 
 
 @jit
-def sampson(t, r1, r2, normals, residuals, rises):
+def sampson(t, bearings, residuals, rises):
     """Fill in residuals [rad], and by how much each cosine to t rises (it falls if t is right)."""
+    r1, r2, normals = bearings.r1, bearings.r2, bearings.normals
     for i in range(len(r1)):
         residuals[i], rises[i], _ = _sampson(t, r1[i], r2[i], normals[i])
 
 
 @jit
-def _truncated_cost(t, r1, r2, normals, threshold, best):
+def _truncated_cost(t, bearings, threshold, best):
     """MSAC cost of t; points that flow towards t count as outliers.  Stops above best."""
+    r1, r2, normals = bearings.r1, bearings.r2, bearings.normals
     limit = threshold * threshold
     cost = 0.0
     for i in range(len(r1)):
@@ -51,11 +62,12 @@ def _needed_trials(inlier_share, confidence):
 
 
 @jit
-def two_point_ransac(r1, r2, normals, threshold, trials, seed):
+def two_point_ransac(bearings, threshold, trials, seed):
     """Return the translation of least truncated cost among those through two correspondences.
 
     Its sign makes the points of the sample flow away from it; samples that disagree are left.
     """
+    r1, r2, normals = bearings.r1, bearings.r2, bearings.normals
     n = len(r1)
     state = np.uint64(seed)
     best = np.inf
@@ -77,7 +89,7 @@ def two_point_ransac(r1, r2, normals, threshold, trials, seed):
             continue
         if rise_i + rise_j > 0.0:
             t *= -1.0
-        cost = _truncated_cost(t, r1, r2, normals, threshold, best)
+        cost = _truncated_cost(t, bearings, threshold, best)
         if cost < best:
             best = cost
             found[:] = t
@@ -102,12 +114,13 @@ def slope_of_sampson(t, r1, r2, normal, basis):
 
 
 @jit
-def tame_leverage(t, r1, r2, normals):
+def tame_leverage(t, bearings):
     """Return weights that bound the pull of correspondences next to t.
 
     A correspondence pulls with its displacement over its distance from t, which for a point of
     the scene is the inverse of its distance: a false match beside t would outweigh all others.
     """
+    r1, r2, normals = bearings.r1, bearings.r2, bearings.normals
     pull = np.empty(len(r1))
     for i in range(len(r1)):
         pull[i] = math.sqrt(dot(normals[i], normals[i])) / _sampson(t, r1[i], r2[i], normals[i])[2]
@@ -118,12 +131,13 @@ def tame_leverage(t, r1, r2, normals):
 
 
 @jit
-def refine(t, r1, r2, normals, scale, steps):
-    """Refine t in place by Gauss-Newton on Tukey's loss that vanishes above 3 scale [rad].
+def refine(t, bearings, scale, steps):
+    """Refine t in place by Gauss-Newton on Tukey's loss: no weight above 3 loss scales [rad].
 
-    Correspondences that flow towards t by more than the scale get no weight.
+    Correspondences that flow towards t by more than the loss scale get no weight.
     """
-    tame = tame_leverage(t, r1, r2, normals)
+    r1, r2, normals = bearings.r1, bearings.r2, bearings.normals
+    tame = tame_leverage(t, bearings)
     for _ in range(steps):
         basis = tangent_basis(t)
         a, b, c, u, v = 1e-18, 0.0, 1e-18, 0.0, 0.0
@@ -152,18 +166,19 @@ def refine(t, r1, r2, normals, scale, steps):
 
 
 @jit
-def normal_equations(t, r1, r2, normals, scale, groups):
-    """Return the 2 x 2 information of t, and the scatter of the scores summed by group.
+def normal_equations(t, bearings, scale, groups):
+    """Return the 2 x 2 information of t, and the gradients summed by group.
 
     `groups` holds numbers from 0; weights are those of `refine`.  The information takes the mean
     second derivative of the loss for all (Huber 1981, section 7.6), which cannot turn negative
     through one correspondence.
     """
-    tame = tame_leverage(t, r1, r2, normals)
+    r1, r2, normals = bearings.r1, bearings.r2, bearings.normals
+    tame = tame_leverage(t, bearings)
     basis = tangent_basis(t)
     information = np.zeros((2, 2))
-    scores = np.zeros((groups.max() + 1, 2))
-    used = np.zeros(len(scores), dtype=np.bool_)
+    gradients = np.zeros((groups.max() + 1, 2))
+    used = np.zeros(len(gradients), dtype=np.bool_)
     curve, total = 0.0, 0.0
     for i in range(len(r1)):
         residual, rise, j0, j1 = slope_of_sampson(t, r1[i], r2[i], normals[i], basis)
@@ -176,10 +191,10 @@ def normal_equations(t, r1, r2, normals, scale, groups):
         information[0, 0] += tame[i] * j0 * j0
         information[0, 1] += tame[i] * j0 * j1
         information[1, 1] += tame[i] * j1 * j1
-        score = tame[i] * keep * keep * residual
-        scores[groups[i], 0] += score * j0
-        scores[groups[i], 1] += score * j1
+        pull = tame[i] * keep * keep * residual
+        gradients[groups[i], 0] += pull * j0
+        gradients[groups[i], 1] += pull * j1
         used[groups[i]] = True
     information[1, 0] = information[0, 1]
     information *= max(curve, 0.0) / max(total, 1.0)
-    return information, scores[used]
+    return information, gradients[used]

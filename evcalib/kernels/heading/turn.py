@@ -5,11 +5,21 @@ tan(a / 2) k x (r1 + r2) (Cayley).  With g = half the turn rate and `span` the t
 bearings the right side is span g x (r1 + r2), up to the third order of the angle.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 from evcalib.kernels.jit import jit
 from evcalib.kernels.linalg import cross, dot
 from evcalib.kernels.splitmix import draw
+
+
+class TimedBearings(NamedTuple):
+    """The same points before and after."""
+
+    r1: np.ndarray  # (n, 3) unit rows
+    r2: np.ndarray  # (n, 3)
+    spans: np.ndarray  # (n,) time between the two
 
 
 @jit
@@ -42,8 +52,8 @@ def _add_turn(r1, r2, span, weight, normal, right):
 
 
 @jit
-def _misfit(g, r1, r2, span):
-    """Square of what the turn g leaves of one correspondence [rad^2], per point of the pair."""
+def _squared_residual(g, r1, r2, span):
+    """Squared residual of one correspondence under the turn g [rad^2], per point of the pair."""
     c = cross(g, (r1[0] + r2[0], r1[1] + r2[1], r1[2] + r2[2]))
     total = 0.0
     for k in range(3):
@@ -52,8 +62,9 @@ def _misfit(g, r1, r2, span):
 
 
 @jit
-def turn_ransac(r1, r2, spans, threshold, trials, seed):
+def turn_ransac(bearings, threshold, trials, seed):
     """Return the steady turn g that explains the correspondences best, refined on its inliers."""
+    r1, r2, spans = bearings.r1, bearings.r2, bearings.spans
     n = len(r1)
     limit = threshold * threshold
     state = np.uint64(seed)
@@ -67,7 +78,7 @@ def turn_ransac(r1, r2, spans, threshold, trials, seed):
         g = _solve_turn(normal, right)
         cost = 0.0
         for i in range(n):
-            cost += min(_misfit(g, r1[i], r2[i], spans[i]), limit)
+            cost += min(_squared_residual(g, r1[i], r2[i], spans[i]), limit)
             if cost > best:
                 break
         if cost < best:
@@ -75,7 +86,7 @@ def turn_ransac(r1, r2, spans, threshold, trials, seed):
     for _ in range(5):
         normal, right = np.zeros((3, 3)), np.zeros(3)
         for i in range(n):
-            ratio = _misfit(found, r1[i], r2[i], spans[i]) / (4.0 * limit)
+            ratio = _squared_residual(found, r1[i], r2[i], spans[i]) / (4.0 * limit)
             if ratio < 1.0:
                 _add_turn(r1[i], r2[i], spans[i], (1.0 - ratio) ** 2, normal, right)
         found = _solve_turn(normal, right)
@@ -83,7 +94,8 @@ def turn_ransac(r1, r2, spans, threshold, trials, seed):
 
 
 @jit
-def turn_misfits(g, r1, r2, spans, squares):
-    """Fill in the squares of what the turn g leaves of each correspondence [rad^2]."""
+def squared_residuals(g, bearings, squares):
+    """Fill in the squared residual of each correspondence under the turn g [rad^2]."""
+    r1, r2, spans = bearings.r1, bearings.r2, bearings.spans
     for i in range(len(r1)):
-        squares[i] = _misfit(g, r1[i], r2[i], spans[i])
+        squares[i] = _squared_residual(g, r1[i], r2[i], spans[i])

@@ -17,12 +17,12 @@ NONE = -(1 << 62)  # before every time
 _BITS = 12
 _BINS = 1 << _BITS
 _DIGITS = 6
-_RANGE = (1 << 62, 0)
 
 
 @jit
-def dist_update(state, plane, corner, stride, x, y, t, p):
+def dist_update(state, plane, corner, stride, events):
     """Take events; `state` has shape (3, cells), pixel (0, 0) is cell `corner`."""
+    x, y, t, p = events.x, events.y, events.t, events.p
     for i in range(t.size):
         at = corner + (plane if p[i] else 0) + np.int64(y[i]) * stride + x[i]
         if state[COUNT, at] == 0:
@@ -146,7 +146,7 @@ def _rank(keys, places, pixels, out):
 @jit
 def _sorted(keys, places):
     """Sort positive keys with their places, digit by digit from the lowest."""
-    low, high = _RANGE
+    low, high = 1 << 62, 0
     for key in keys:
         low, high = min(low, key), max(high, key)
     starts = np.zeros((_DIGITS, _BINS), dtype=np.int64)

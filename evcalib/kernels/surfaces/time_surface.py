@@ -18,8 +18,9 @@ _SMALLEST = -1000.0  # below, 2^z would leave the normal numbers
 
 
 @jit
-def sae_update(sae, plane, x, y, t, p, width):
+def sae_update(sae, plane, events, width):
     """sae[p, y, x] = t.  `sae` is flat; `plane` is its size per polarity, 0 to merge them."""
+    x, y, t, p = events.x, events.y, events.t, events.p
     for i in range(t.size):
         sae[(plane if p[i] else 0) + np.int64(y[i]) * width + x[i]] = t[i]
 
