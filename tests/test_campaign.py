@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from data_tools.simulation import random_drives
 from data_tools.simulation.drives import Drive, s_curve, straight
 from data_tools.studies import Study, campaign, run_study, sighting_drives
 from data_tools.studies import _campaign_faults as draws
@@ -227,9 +228,9 @@ def test_the_offset_of_a_constant_arc_is_not_claimed(monkeypatch, trial):
 
 def test_every_error_and_every_motion_is_drawn():
     rng = np.random.default_rng(0)
-    kinds = {draws.drive_of(rng).kind for _ in range(300)}
-    assert kinds == set(draws.MOTIONS)
-    assert sum(draws.MOTIONS.values()) == pytest.approx(1.0)
+    kinds = {random_drives.any_drive(rng).kind for _ in range(300)}
+    assert kinds == set(random_drives.ANY)
+    assert sum(random_drives.ANY.values()) == pytest.approx(1.0)
     for cell in campaign.study().cells:
         fault, size = draws.FAULTS[cell.parameters["fault"]](rng, CAMERA)
         assert (fault == Fault()) == (cell.parameters["fault"] == "none")

@@ -55,7 +55,10 @@ class BatchResult:
         return [(name, reason) for name, _, reason in self.result.failures]
 
     def rows(self) -> list[dict[str, Any]]:
-        """Return the summary, a dictionary per recording in the order of the list."""
+        """Return the summary, a dictionary per recording in the order of the list.
+
+        All have the same keys: ``pandas.DataFrame(batch.rows())`` takes them.
+        """
         table = self.result.table
         names = ["name", *(n for n in table if n not in ("cell", "group", "trial", "failure"))]
         columns = [table["group" if name == "name" else name].tolist() for name in names]
