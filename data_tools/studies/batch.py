@@ -19,8 +19,8 @@ from typing import Any
 
 import numpy as np
 
-from data_tools.studies import run_study
-from data_tools.studies._engine.result import StudyResult
+from data_tools.studies._engine.result import StudyResult, load_study
+from data_tools.studies._engine.run import run
 from data_tools.studies._engine.study import Cell, Study
 from data_tools.studies.batch_list import read_list
 from evcalib.alignment import Calibration
@@ -135,16 +135,16 @@ def run_batch(
     cells = tuple(Cell(entry["name"], entry) for entry in read_list(path))
     work = partial(trial, calibrate=calibrate or _default(), folder=str(home))
     batch = Study("batch", cells, work, retry_failures=True, largest_piece=1, unit="recording")
-    result = run_study(
+    table = run(
         batch,
+        home,
         trials=1,
         seed=0,
-        folder=home,
         workers=workers,
         scheduler=scheduler,
         progress=progress,
     )
-    done = BatchResult(result, home)
+    done = BatchResult(load_study(table), home)
     try:
         (home / SUMMARY).write_text(done.csv(), encoding="utf-8")
     except OSError as error:
