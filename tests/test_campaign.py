@@ -216,7 +216,7 @@ def test_a_body_that_turns_unseen_by_its_wheels_is_noticed_and_costs_little():
 @pytest.mark.parametrize("trial", [8, 9])
 def test_the_offset_of_a_constant_arc_is_not_claimed(monkeypatch, trial):
     """Noise of the odometry picked one of many offsets: 0.5 s and 15 deg off, and sure of it."""
-    monkeypatch.setattr(draws, "MOTIONS", {"arc": 1.0})
+    monkeypatch.setattr(random_drives, "ANY", {"arc": 1.0})
     seed = np.random.SeedSequence(5, spawn_key=(0, trial))
     (row,) = campaign.trial(campaign.CELLS[0].parameters, seed)
     assert row["motion"] == "arc"
