@@ -29,9 +29,15 @@ MOVED = {
     "data_tools.input_files": "data_tools.runs._inputs",
     "data_tools.lag_study": "data_tools.studies.lag",
     "data_tools.matches": "data_tools.simulation.point_matches",
-    "data_tools.motion": "data_tools.simulation.drives data_tools.simulation.streams",
+    "data_tools.motion": (
+        "data_tools.simulation.drives "
+        "data_tools.simulation.random_drives "
+        "data_tools.simulation.streams"
+    ),
     "data_tools.plans": "data_tools.simulation.drives",
-    "data_tools.recorded_drive": "data_tools.simulation.recorded_drive",
+    "data_tools.recorded_drive": (
+        "data_tools.simulation.recorded_drive data_tools.simulation.random_drives"
+    ),
     "data_tools.recording_info": "data_tools.recordings._info",
     "data_tools.run_folder": "data_tools.files.atomic data_tools.runs.folder",
     "data_tools.samples": "data_tools.course.samples",

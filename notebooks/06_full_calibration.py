@@ -495,7 +495,7 @@ for threshold in (0.1, 0.2, 0.4):
 # ### Does it work?
 #
 # Thirteen simulated drives, each with the three ways to measure displacements, against the
-# simulator's truth (`python -m data_tools.studies.lag`). Speeds from 0.25 to 2 m/s, cameras that
+# simulator's truth (`evcalib study lag`). Speeds from 0.25 to 2 m/s, cameras that
 # look ahead, sideways, down and tilted, thresholds from 0.1 to 0.4, and two with noisy pixels.
 
 # %%

@@ -1,18 +1,21 @@
-"""Make the recorded drives behind notebooks 0 and 6, and the table of many drives.
+"""Make the recorded drives behind notebooks 0 and 6, and the tables of many drives.
 
     python notebooks/_make_drives.py recordings        # notebooks/data/sweep, fingers: a minute
     python notebooks/_make_drives.py stages            # notebooks/data/stages.csv, 8 minutes
     python notebooks/_make_drives.py table FOLDER      # notebooks/data/recorded.csv, at once
+    python notebooks/_make_drives.py lags FOLDER       # notebooks/data/lag.csv, at once
 
 A drive is four files, as a user has them: events.h5, calib.txt, wheels.csv, vehicle.yaml; and the
 truth, as a calibration.  The camera is small, so that the files are.  ``FOLDER`` holds what
-``evcalib study recorded --trials 10 --seed 1 -o FOLDER`` left.
+``evcalib study recorded --trials 10 --seed 1 -o FOLDER`` or ``evcalib study lag --trials 1 -o
+FOLDER`` (some ten minutes) left.
 """
 
 from __future__ import annotations
 
 import csv
 import sys
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +24,7 @@ import yaml
 from data_tools.runs.demo import write_demo
 from data_tools.simulation.recorded_drive import VEHICLE, Disturbances, record_drive
 from data_tools.simulation.sensor import Sensor
-from data_tools.studies import load_study
+from data_tools.studies import lag, load_study
 from evcalib.alignment import align
 from evcalib.camera import Camera
 from evcalib.geometry import rotation_angle
@@ -96,6 +99,20 @@ def make_table(folder: Path) -> None:
             writer.writerow([str(group), *(f"{value:.4g}" for value in values)])
 
 
+def make_lags(folder: Path) -> None:
+    """Shorten the table of the study of lags: a line per drive and way to measure."""
+    result = load_study(folder / "lag.h5")
+    settings = [field.name for field in fields(lag.Drive)]
+    measured = [name for name in result.table if name not in ("cell", "group", "trial", "failure")]
+    with (HERE / "lag.csv").open("w", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow([*settings, *measured])
+        columns = (result.table[name].tolist() for name in ("cell", *measured))
+        for cell, *values in zip(*columns, strict=True):
+            row = [*(result.cells[cell].parameters[name] for name in settings), *values]
+            writer.writerow([f"{v:.4g}" if isinstance(v, float) else v for v in row])
+
+
 if __name__ == "__main__":
     if sys.argv[1:2] == ["recordings"]:
         make_recordings()
@@ -103,5 +120,7 @@ if __name__ == "__main__":
         make_stages()
     elif sys.argv[1:2] == ["table"] and len(sys.argv) == 3:
         make_table(Path(sys.argv[2]))
+    elif sys.argv[1:2] == ["lags"] and len(sys.argv) == 3:
+        make_lags(Path(sys.argv[2]))
     else:
         sys.exit(__doc__)

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from data_tools.simulation import random_drives
 from data_tools.simulation.drives import Drive, s_curve, straight
 from data_tools.studies import Study, campaign, run_study, sighting_drives
 from data_tools.studies import _campaign_faults as draws
@@ -215,7 +216,7 @@ def test_a_body_that_turns_unseen_by_its_wheels_is_noticed_and_costs_little():
 @pytest.mark.parametrize("trial", [8, 9])
 def test_the_offset_of_a_constant_arc_is_not_claimed(monkeypatch, trial):
     """Noise of the odometry picked one of many offsets: 0.5 s and 15 deg off, and sure of it."""
-    monkeypatch.setattr(draws, "MOTIONS", {"arc": 1.0})
+    monkeypatch.setattr(random_drives, "ANY", {"arc": 1.0})
     seed = np.random.SeedSequence(5, spawn_key=(0, trial))
     (row,) = campaign.trial(campaign.CELLS[0].parameters, seed)
     assert row["motion"] == "arc"
@@ -227,9 +228,9 @@ def test_the_offset_of_a_constant_arc_is_not_claimed(monkeypatch, trial):
 
 def test_every_error_and_every_motion_is_drawn():
     rng = np.random.default_rng(0)
-    kinds = {draws.drive_of(rng).kind for _ in range(300)}
-    assert kinds == set(draws.MOTIONS)
-    assert sum(draws.MOTIONS.values()) == pytest.approx(1.0)
+    kinds = {random_drives.any_drive(rng).kind for _ in range(300)}
+    assert kinds == set(random_drives.ANY)
+    assert sum(random_drives.ANY.values()) == pytest.approx(1.0)
     for cell in campaign.study().cells:
         fault, size = draws.FAULTS[cell.parameters["fault"]](rng, CAMERA)
         assert (fault == Fault()) == (cell.parameters["fault"] == "none")

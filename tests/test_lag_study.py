@@ -1,21 +1,26 @@
 """The measure of lags against lags put in by hand, and the chain's own lag against the truth."""
 
-from dataclasses import replace
+from dataclasses import asdict, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from data_tools.files.csv_table import read_columns
 from data_tools.simulation.trajectory import Trajectory
+from data_tools.studies import lag
 from data_tools.studies.lag import CAMERA, Drive, correspondence_lag, heading_lag, summary
 from evcalib.errors import InputError
 from evcalib.geometry import unit
 from evcalib.heading import Correspondences, estimate_headings
 from evcalib.series import HeadingSeries
 
+SHORT = Drive(60, "tilted", duration=7.0)
+
 
 @pytest.fixture(scope="module")
 def simulator():
-    return Drive(60, "tilted", duration=7.0).simulator()
+    return SHORT.simulator()
 
 
 def lagging(simulator, px, n=4000):
@@ -65,16 +70,30 @@ def test_a_straight_drive_tells_no_lag(simulator):
 
 def test_the_chain_hardly_lags(simulator):
     """Bounds far wider than what notebook 6 measures, on a short drive of one scene."""
-    events = simulator.run().events
-    rows = {}
-    for name in ("corners", "symmetric"):
-        estimate = estimate_headings(events, CAMERA, localisation=name, keep_correspondences=True)
-        rows[name] = summary(estimate, simulator, name)
-    assert abs(rows["symmetric"].lag_px) < 0.1
-    assert abs(rows["symmetric"].heading_ms) < 5
-    assert rows["symmetric"].scatter_px < 0.2
-    assert rows["corners"].scatter_px > 2 * rows["symmetric"].scatter_px
-    assert rows["symmetric"].median_deg < rows["corners"].median_deg
-    without = estimate_headings(events.between(0, 1_000_000), CAMERA)
+    seed = np.random.SeedSequence(0, spawn_key=(0, 0))
+    rows = {row["localisation"]: row for row in lag.trial(asdict(SHORT), seed)}
+    assert tuple(rows) == lag.LOCALISATIONS
+    assert abs(rows["symmetric"]["lag_px"]) < 0.1
+    assert abs(rows["symmetric"]["heading_ms"]) < 5
+    assert rows["symmetric"]["scatter_px"] < 0.2
+    assert rows["corners"]["scatter_px"] > 2 * rows["symmetric"]["scatter_px"]
+    assert rows["symmetric"]["median_deg"] < rows["corners"]["median_deg"]
+    without = estimate_headings(simulator.run().events.between(0, 1_000_000), CAMERA)
     with pytest.raises(InputError, match="keep_correspondences"):
         summary(without, simulator, "symmetric")
+
+
+def test_trial_0_has_the_scenes_of_the_stored_table_and_others_have_new_ones(monkeypatch):
+    stored = read_columns(Path(__file__).parents[1] / "notebooks" / "data" / "lag.csv")
+    cells = lag.study().cells
+    for name in asdict(SHORT):
+        told = [cell.parameters[name] for cell in cells for _ in lag.LOCALISATIONS]
+        assert stored[name].tolist() == told
+
+    def tell_seed(drive):
+        raise InputError(f"seed {drive.seed}")
+
+    monkeypatch.setattr(Drive, "simulator", tell_seed)
+    for trial, seed in ((0, 60), (2, 2060)):
+        with pytest.raises(InputError, match=f"seed {seed}$"):
+            lag.trial(asdict(SHORT), np.random.SeedSequence(9, spawn_key=(4, trial)))

@@ -136,8 +136,36 @@ def test_drives_turn_as_they_are_told():
     assert np.ptp(angles({"motion": "polyline", "turn_deg": 30.0}, [1, 4])) == pytest.approx(30)
     swing = angles({"motion": "s-curve", "swing_deg": 20.0}, np.linspace(0, 8, 4000))
     assert np.ptp(swing) == pytest.approx(40, abs=1e-3)
-    with pytest.raises(InputError, match="motion must be one of straight"):
-        random_drives.drive({"motion": "walk"}, np.random.default_rng(0))
+
+
+@pytest.mark.parametrize(
+    ("parameters", "words"),
+    [
+        ({"motion": "walk"}, "motion must be one of straight"),
+        ({}, "motion must be one of straight"),
+        ({"motion": "arc"}, "an arc needs radius_m"),
+        ({"motion": "arc", "radius_m": [1.0, 2.0, 3.0]}, "an arc needs radius_m"),
+        ({"motion": "arc", "radius_m": -1.0}, "an arc needs radius_m"),
+        ({"motion": "arc", "radius_m": "far"}, "radius_m must be numbers"),
+        ({"motion": "zigzag", "side_s": "long"}, "side_s must be numbers"),
+        ({"motion": "s-curve", "swing_deg": np.nan}, "swing_deg holds"),
+        ({"motion": "fingers", "count": 0}, "count must be a whole number"),
+        ({"motion": "fingers", "count": 2.5}, "count must be a whole number"),
+    ],
+)
+def test_a_wrong_parameter_of_a_drive_is_named(parameters, words):
+    with pytest.raises(InputError, match=words):
+        random_drives.drive(parameters, np.random.default_rng(0))
+
+
+@pytest.mark.parametrize("noise", [None, {"sigm": 0.1}, 0.1])
+def test_streams_without_usable_noise_are_refused(noise):
+    parameters = {"motion": "straight", "heading_noise": {}, "velocity_noise": noise}
+    with pytest.raises(InputError, match="velocity_noise must be a dictionary of sigma, rho"):
+        random_drives.streams(parameters, np.random.default_rng(0))
+    del parameters["velocity_noise"]
+    with pytest.raises(InputError, match="velocity_noise must be a dictionary of sigma, rho"):
+        random_drives.streams(parameters, np.random.default_rng(0))
 
 
 def test_noise_is_written_down_as_what_differs_from_none():

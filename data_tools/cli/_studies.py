@@ -92,7 +92,8 @@ def baselines(
 @app.command()
 def study(
     name: Annotated[
-        str, typer.Argument(help="paper, drives, ablations, coverage, real or recorded.")
+        str,
+        typer.Argument(help="paper, drives, ablations, coverage, real, recorded, campaign or lag."),
     ],
     output: Annotated[Path, typer.Option("-o", "--output", help="Folder for table and plots.")],
     trials: Annotated[int, typer.Option(min=1, help="Trials per group.")] = 100,

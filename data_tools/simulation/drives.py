@@ -1,9 +1,12 @@
-"""Drives: the direction and the speed of a body as functions of time, and plans to compare."""
+"""Drives: the direction and the speed of a body as functions of time, and plans to compare.
+
+Nothing here is random; drives that are drawn from a seed are in `random_drives`.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -115,10 +118,12 @@ def fingers(
     out: float = 2.0,
     pause: float = 0.5,
     speed: float = 1.0,
+    duration: float | None = None,
 ) -> Drive:
     """Return fingers: for each of `angles` [rad], `out` seconds out, a pause, `out` seconds back.
 
-    The speed rises and falls as a raised cosine and is zero in the pauses (as in the paper).
+    The speed rises and falls as a raised cosine and is zero in the pauses (as in the paper).  They
+    take as long as they take, or `duration` seconds; the last one is cut short then.
     """
     if not len(angles):
         raise InputError("fingers need at least one angle")
@@ -133,13 +138,8 @@ def fingers(
         rise = np.minimum(1.0, 2.0 * np.sin(np.pi * inside) ** 2)
         return np.where(inside < 1.0, speed * rise, 0.0)
 
-    return Drive("fingers", leg * directions.size, lambda t: directions[index(t)], profile)
-
-
-def wobble(rng: np.random.Generator, largest: float) -> Callable[[Floats], Floats]:
-    """Return a yaw rate [rad/s] of two sines with periods of 2 to 7 s, `largest` at most."""
-    rate, phase = 2 * np.pi / rng.uniform(2.0, 7.0, 2), rng.uniform(0, 2 * np.pi, 2)
-    return lambda t: 0.5 * largest * np.sin(np.multiply.outer(t, rate) + phase).sum(axis=-1)
+    length = leg * directions.size if duration is None else duration
+    return Drive("fingers", length, lambda t: directions[index(t)], profile)
 
 
 def _constant(value: float) -> Callable[[Floats], Floats]:
@@ -174,8 +174,8 @@ def _fingers(swing: float, period: float, speed: float, duration: float) -> Driv
     pause = 0.1 * period
     count = int(np.ceil(duration / period))
     angles = np.radians(swing) * np.array([0.0, 1.0, -1.0])
-    drive = fingers([angles[k % 3] for k in range(count)], out=out, pause=pause, speed=speed)
-    return replace(drive, duration=duration)
+    spread = [angles[k % 3] for k in range(count)]
+    return fingers(spread, out=out, pause=pause, speed=speed, duration=duration)
 
 
 def _zigzag(swing: float, period: float, speed: float, duration: float) -> Drive:

@@ -1,7 +1,8 @@
 """Simulated drives of a whole vehicle: raw events on one clock, wheel states on another.
 
-Every drive is drawn from a seed: its motion, the mounting of its camera, the offset between its
-clocks, the room around it.  So a method can be judged on many drives that it has never seen.
+Everything is drawn from a seed: the motion (by `random_drives`), the mounting of the camera, the
+offset between the clocks, the room around it.  So a method can be judged on many drives that it has
+never seen.
 """
 
 from __future__ import annotations
@@ -11,7 +12,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from data_tools.simulation._random import generator
-from data_tools.simulation.drives import Drive, arc, fingers, straight, wobble
+from data_tools.simulation.drives import Drive
+from data_tools.simulation.random_drives import RECORDED, wobble
 from data_tools.simulation.scenes import furnished_room
 from data_tools.simulation.sensor import Sensor
 from data_tools.simulation.simulator import FORWARD, Simulator
@@ -22,7 +24,7 @@ from evcalib.camera import Camera
 from evcalib.geometry import rpy_to_matrix
 from evcalib.kinematics import Swerve, Wheel, WheelLog, WheelStates
 
-MOTIONS = ("sweep", "fingers", "straight", "arc")
+MOTIONS = tuple(RECORDED)
 MOUNTINGS = ("forward", "sideways", "down")
 
 CAMERA = Camera(240, 180, 200.0, 200.0, 119.5, 89.5)
@@ -35,8 +37,6 @@ VEHICLE = Swerve(
 """The vehicle of all drives: four wheels that steer."""
 
 WHEEL_RATE = 50.0
-RAMP = 0.8
-"""Time [s] in which a sweep gets up to speed."""
 
 
 @dataclass(frozen=True)
@@ -127,7 +127,7 @@ def record_drive(
     checks.one_of(motion, "motion", MOTIONS)
     checks.one_of(mounting, "mounting", MOUNTINGS)
     rng = generator(seed, f"recorded drive, {motion}, {mounting}")
-    drive = _MAKERS[motion](rng, checks.positive(duration, "duration", "seconds"), speed)
+    drive = RECORDED[motion](rng, checks.positive(duration, "duration", "seconds"), speed)
     if disturbances.yaw_rate:
         drive = replace(drive, yaw_rate=wobble(rng, disturbances.yaw_rate))
     R_body_cam = _mounting(rng, mounting)
@@ -148,50 +148,11 @@ def record_drive(
     )
 
 
-def _sweep(rng: np.random.Generator, duration: float, speed: float) -> Drive:
-    """Return a direction that swings by two sines; the speed rises at the start."""
-    heading = rng.uniform(-np.pi / 6, np.pi / 6)
-    amplitude = np.radians(rng.uniform([30.0, 5.0], [55.0, 15.0]))
-    rate = 2 * np.pi / rng.uniform([4.0, 2.0], [8.0, 3.5])
-    phase = rng.uniform(0, 2 * np.pi, 2)
-
-    def angle(t: Floats) -> Floats:
-        return heading + np.sin(np.multiply.outer(t, rate) + phase) @ amplitude
-
-    def ramp(t: Floats) -> Floats:
-        u = np.clip(t / RAMP, 0.0, 1.0)
-        return speed * u * u * (3 - 2 * u)
-
-    return Drive("sweep", duration, angle, ramp)
-
-
-def _fingers(rng: np.random.Generator, duration: float, speed: float) -> Drive:
-    """Return fingers spread by 120 degrees or so, as many as the time allows."""
-    out, pause = 2.0, 0.5
-    count = max(int(duration / (2 * (out + pause))), 1)
-    spread = np.linspace(-1.0, 1.0, count) if count > 1 else np.zeros(1)
-    angles = rng.permutation(np.radians(60.0) * spread + rng.uniform(-0.2, 0.2, count))
-    return replace(fingers(angles.tolist(), out=out, pause=pause, speed=speed), duration=duration)
-
-
-def _straight(rng: np.random.Generator, duration: float, speed: float) -> Drive:
-    return straight(duration, heading=rng.uniform(-0.5, 0.5), speed=speed)
-
-
-def _arc(rng: np.random.Generator, duration: float, speed: float) -> Drive:
-    """Return an arc that turns the direction of travel by 90 to 180 degrees in all."""
-    turned = rng.choice([-1.0, 1.0]) * rng.uniform(0.5 * np.pi, np.pi)
-    return arc(duration, radius=speed * duration / turned, heading=-0.5 * turned, speed=speed)
-
-
-_MAKERS = {"sweep": _sweep, "fingers": _fingers, "straight": _straight, "arc": _arc}
-
-
 def _mounting(rng: np.random.Generator, mounting: str) -> Floats:
     side = float(rng.choice([-90.0, 90.0]))
     middle = {"forward": (0, 0, 0), "sideways": (0, 0, side), "down": (0, 30, 0)}[mounting]
-    reach = 30.0 if mounting == "forward" else 10.0
-    return rpy_to_matrix(np.radians(middle + rng.uniform(-reach, reach, 3))) @ FORWARD
+    most = 30.0 if mounting == "forward" else 10.0
+    return rpy_to_matrix(np.radians(middle + rng.uniform(-most, most, 3))) @ FORWARD
 
 
 def _wheels(rng: np.random.Generator, drive: Drive, slip: float) -> WheelLog:

@@ -1,7 +1,7 @@
-"""Synthetic drives of an omni-directional vehicle, and the two noisy streams that they leave.
+"""The two noisy streams that a drive leaves: headings of the camera, velocities of the body.
 
-A :class:`Drive` is exact: a body velocity for any time.  :func:`simulate` samples it on two
-clocks, with the noise, gaps, offset and rotation asked for, and keeps the truth beside the streams.
+:func:`simulate` samples an exact drive on two clocks, with the noise, gaps, offset and rotation
+asked for, and keeps the truth beside the streams.
 """
 
 from __future__ import annotations

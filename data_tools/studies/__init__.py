@@ -54,6 +54,7 @@ STUDIES = {
     "real": "the paper's Table I on its real data",
     "recorded": "from raw events to the calibration, on simulated recordings",
     "campaign": "whether results are silently wrong where the model is",
+    "lag": "how late the events' headings are",
 }
 """Names of the studies, and what they ask."""
 

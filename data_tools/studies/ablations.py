@@ -29,7 +29,8 @@ from evcalib.series import HeadingSeries, VelocitySeries
 Floats = np.ndarray
 
 FINE = 500.0
-"""Samples per second [1/s] at which a curve other than the polygon is handed to the lookup."""
+"""Samples per second [1/s] at which a curve other than the polygon is handed to the lookup: ten
+times the odometry's, so that the polygon through them is the curve."""
 
 
 @dataclass(frozen=True)

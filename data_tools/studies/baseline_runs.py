@@ -177,12 +177,12 @@ def baseline_table(rows: Sequence[BaselineRow]) -> str:
         found = row.calibration
         roll, pitch, yaw = np.degrees(matrix_to_rpy(found.R_body_cam))
         apart = np.degrees(rotation_angle(found.R_body_cam, first.calibration.R_body_cam))
-        misfit = np.degrees(np.median(found.residuals.angle))
+        residual = np.degrees(np.median(found.residuals.angle))
         sd = _known(1e3 * found.offset_sd, found.offset_observable, ".1f")
         turn_sd = _known(np.degrees(found.rotation_sd), found.rotation_observable, ".2f")
         lines.append(
             f"{row.method:18}{1e3 * found.offset:10.1f}{sd:>8}{roll:9.2f}{pitch:9.2f}{yaw:9.2f}"
-            f"{turn_sd:>7}{apart:8.2f}{misfit:8.2f}{1e3 * row.seconds:8.1f}"
+            f"{turn_sd:>7}{apart:8.2f}{residual:8.2f}{1e3 * row.seconds:8.1f}"
         )
     return "\n".join(lines)
 

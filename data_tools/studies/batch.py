@@ -19,8 +19,8 @@ from typing import Any
 
 import numpy as np
 
-from data_tools.studies import run_study
-from data_tools.studies._engine.result import StudyResult
+from data_tools.studies._engine.result import StudyResult, load_study
+from data_tools.studies._engine.run import run
 from data_tools.studies._engine.study import Cell, Study
 from data_tools.studies.batch_list import read_list
 from evcalib.alignment import Calibration
@@ -55,7 +55,10 @@ class BatchResult:
         return [(name, reason) for name, _, reason in self.result.failures]
 
     def rows(self) -> list[dict[str, Any]]:
-        """Return the summary, a dictionary per recording in the order of the list."""
+        """Return the summary, a dictionary per recording in the order of the list.
+
+        All have the same keys: ``pandas.DataFrame(batch.rows())`` takes them.
+        """
         table = self.result.table
         names = ["name", *(n for n in table if n not in ("cell", "group", "trial", "failure"))]
         columns = [table["group" if name == "name" else name].tolist() for name in names]
@@ -132,16 +135,16 @@ def run_batch(
     cells = tuple(Cell(entry["name"], entry) for entry in read_list(path))
     work = partial(trial, calibrate=calibrate or _default(), folder=str(home))
     batch = Study("batch", cells, work, retry_failures=True, largest_piece=1, unit="recording")
-    result = run_study(
+    table = run(
         batch,
+        home,
         trials=1,
         seed=0,
-        folder=home,
         workers=workers,
         scheduler=scheduler,
         progress=progress,
     )
-    done = BatchResult(result, home)
+    done = BatchResult(load_study(table), home)
     try:
         (home / SUMMARY).write_text(done.csv(), encoding="utf-8")
     except OSError as error:

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from data_tools.simulation import random_drives
 from data_tools.studies import _campaign_faults as draws
 from data_tools.studies._engine.result import StudyResult
 from data_tools.studies._engine.study import Cell, Row, Study
@@ -54,7 +55,7 @@ def study() -> Study:
 def trial(parameters: Mapping[str, Any], seed: np.random.SeedSequence) -> list[Row]:
     """Return one row: the error of the model, what came out, and how sure it claims to be."""
     rng = np.random.default_rng(seed)
-    drive = draws.drive_of(rng)
+    drive = random_drives.any_drive(rng)
     camera = draws.camera_of(rng)
     fault, size = draws.FAULTS[parameters["fault"]](rng, camera)
     false = float(rng.uniform(*parameters.get("false", [0.0, 0.2])))
@@ -68,8 +69,8 @@ def trial(parameters: Mapping[str, Any], seed: np.random.SeedSequence) -> list[R
         memory=float(rng.choice([0.0, 0.5])),
         lag=0.1 * float(rng.standard_normal()),
         false=false,
-        movers=draws.spans(rng, drive.duration, 2, 0.8) if gaps else (),
-        gaps=draws.spans(rng, drive.duration, 2, 1.0) if gaps else (),
+        movers=random_drives.spans(rng, drive.duration, 2, 0.8) if gaps else (),
+        gaps=random_drives.spans(rng, drive.duration, 2, 1.0) if gaps else (),
     )
     made = sight(
         drive,
@@ -79,7 +80,7 @@ def trial(parameters: Mapping[str, Any], seed: np.random.SeedSequence) -> list[R
         offset=float(rng.uniform(-0.5, 0.5)),
         corners=corners,
         odometry_noise=float(rng.uniform(0.002, 0.015)),
-        odometry_gaps=draws.spans(rng, drive.duration, 2, 1.0) if gaps else (),
+        odometry_gaps=random_drives.spans(rng, drive.duration, 2, 1.0) if gaps else (),
         fault=fault,
     )
     drawn: Row = {
@@ -100,11 +101,13 @@ ABSORBED = ("steering", "centre", "focal", "slip", "quantum")
 """Errors that the answer takes in without a trace, wholly or in part.
 
 A steering zero turns the rotation; times that are cut, to multiples that divide the odometry's
-step, are late by a constant; of wrong intrinsics and of slip a part looks like a rotation.
+step, are late by a constant; of wrong intrinsics and of slip a part looks like a rotation.  They
+are the groups of ``tests/campaign.csv`` in which more than a tenth of the confident results lie
+outside their 99 % intervals; of all others at most 2 % do.
 """
 
 MAX_OFFSET = 0.6
-"""Offsets within which all are searched [s]."""
+"""Offsets within which all are searched [s]; true ones are drawn within 0.5 s."""
 
 
 def outcome(found: RefinedCalibration, R_body_cam: Floats, offset: float) -> Row:

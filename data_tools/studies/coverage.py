@@ -18,6 +18,7 @@ from evcalib.alignment import align
 from evcalib.geometry import rotation_angle
 
 ODOMETRY_NOISE = 0.02
+"""Standard deviation of a velocity per axis [m/s], the same in all cases."""
 
 
 def _case(name: str, noise: dict[str, Any], course: Mapping[str, Any], **more: Any) -> Cell:

@@ -1,7 +1,5 @@
 """How late the events' headings are: lags in pixels and in time, against the simulator's truth.
 
-    python -m data_tools.studies.lag notebooks/data/lag.csv      # some ten minutes
-
 A lag of l pixels makes a point look as if it were where it was l / flow ago.  Where the motion
 turns, that shows as an epipolar residual; its regression on l is the measure here.  It needs the
 true motion, but no depth and no known corners.
@@ -9,11 +7,9 @@ true motion, but no depth and no known corners.
 
 from __future__ import annotations
 
-import csv
-import sys
-from collections.abc import Iterator
-from dataclasses import asdict, dataclass, fields
-from pathlib import Path
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 
@@ -22,6 +18,7 @@ from data_tools.simulation.scenes import furnished_room
 from data_tools.simulation.sensor import Sensor
 from data_tools.simulation.simulator import FORWARD, Simulator, Truth
 from data_tools.simulation.trajectory import Trajectory
+from data_tools.studies._engine.study import Cell, Row, Study
 from evcalib.arrays import Floats
 from evcalib.camera import Camera
 from evcalib.errors import InputError
@@ -40,10 +37,13 @@ LOOKS = {
 """Turns of a forward camera, as rotation vectors in the body frame [rad]."""
 
 SLOWEST_PX = 4.0
-"""Flows below this [px/s] say nothing about a lag in pixels."""
+"""Flows below this [px/s] say nothing about a lag in pixels.
+
+A choice: the regression weighs by the square of 1 / flow, so that the slowest few would decide; the
+median flows of the drives are 14 px/s and more (``notebooks/data/lag.csv``)."""
 
 TUKEY = 4.685
-"""Tukey's constant."""
+"""Tukey's constant: 95 % efficiency where the noise is normal."""
 
 
 @dataclass(frozen=True)
@@ -72,6 +72,30 @@ class Drive:
         )
 
 
+DRIVES = {
+    "forward, 0.25 m/s": Drive(101, "forward", speed=0.25),
+    "forward, 0.5 m/s": Drive(102, "forward"),
+    "forward, 1 m/s": Drive(103, "forward", speed=1.0),
+    "down, 0.25 m/s": Drive(104, "down", speed=0.25),
+    "down, 0.5 m/s": Drive(105, "down"),
+    "down, 1 m/s": Drive(106, "down", speed=1.0),
+    "down, 2 m/s": Drive(107, "down", speed=2.0, duration=9.0),
+    "tilted": Drive(108, "tilted"),
+    "sideways": Drive(109, "sideways"),
+    "tilted, threshold 0.1": Drive(110, "tilted", threshold=0.1),
+    "tilted, threshold 0.4": Drive(111, "tilted", threshold=0.4),
+    "forward, noisy": Drive(112, "forward", mismatch=0.1, noise_rate=1.0),
+    "tilted, noisy": Drive(113, "tilted", mismatch=0.1, noise_rate=1.0),
+}
+"""Speeds, looks, thresholds and noise, each in a scene of its own."""
+
+LOCALISATIONS = ("corners", "images", "symmetric")
+"""Ways to measure displacements, see :func:`evcalib.estimate_headings`."""
+
+SCENES = 1000
+"""What the seed of a drive's scene grows by from trial to trial; no two drives share one."""
+
+
 @dataclass(frozen=True)
 class Lag:
     """Lag of correspondences.
@@ -93,22 +117,22 @@ class Lag:
     flow: float
 
 
-@dataclass(frozen=True)
-class Row:
-    """One line of the table: a drive, how displacements were measured, and what came out.
+def study() -> Study:
+    """Return the study; trial 0 has the scenes of `DRIVES`, whatever the seed of the study."""
+    cells = tuple(Cell(name, asdict(drive)) for name, drive in DRIVES.items())
+    return Study("lag", cells, trial, largest_piece=1)
 
-    `heading_ms` is by how much the stamps of the headings are late; the error of an offset from
-    these headings is its negative.
-    """
 
-    localisation: str
-    flow: float
-    lag_px: float
-    lag_sd_px: float
-    scatter_px: float
-    heading_ms: float
-    median_deg: float
-    p90_deg: float
+def trial(parameters: Mapping[str, Any], seed: np.random.SeedSequence) -> list[Row]:
+    """Return a row for each way to measure displacements."""
+    scene = parameters["seed"] + SCENES * seed.spawn_key[1]
+    simulator = Drive(**{**parameters, "seed": scene}).simulator()
+    events = simulator.run(threads=1).events
+    rows = []
+    for name in LOCALISATIONS:
+        estimate = estimate_headings(events, CAMERA, localisation=name, keep_correspondences=True)
+        rows.append(summary(estimate, simulator, name))
+    return rows
 
 
 def correspondence_lag(
@@ -178,78 +202,28 @@ def heading_lag(headings: HeadingSeries, simulator: Simulator) -> float:
 
 
 def summary(estimate: HeadingEstimate, simulator: Simulator, localisation: str) -> Row:
-    """Return the lags and errors of an estimate with correspondences."""
+    """Return the lags and errors of an estimate with correspondences.
+
+    ``heading_ms`` is by how much the stamps of the headings are late; the error of an offset from
+    these headings is its negative.
+    """
     if estimate.correspondences is None:
         raise InputError("the estimate needs its correspondences: keep_correspondences=True")
     lag = correspondence_lag(estimate.correspondences, simulator)
     truth = _truth(simulator, estimate.headings.t).v_cam
     off = np.degrees(angle_between(estimate.headings.v, unit(truth)))
-    return Row(
-        localisation=localisation,
-        flow=lag.flow,
-        lag_px=lag.px,
-        lag_sd_px=lag.sd,
-        scatter_px=lag.scatter,
-        heading_ms=1e3 * heading_lag(estimate.headings, simulator),
-        median_deg=float(np.median(off)),
-        p90_deg=float(np.percentile(off, 90)),
-    )
-
-
-def study(
-    drives: tuple[Drive, ...], localisations: tuple[str, ...] = ("corners", "images", "symmetric")
-) -> Iterator[tuple[Drive, Row]]:
-    """Yield a row for each drive and way to measure displacements."""
-    for drive in drives:
-        simulator = drive.simulator()
-        events = simulator.run().events
-        for name in localisations:
-            estimate = estimate_headings(
-                events, CAMERA, localisation=name, keep_correspondences=True
-            )
-            yield drive, summary(estimate, simulator, name)
+    return {
+        "localisation": localisation,
+        "flow": lag.flow,
+        "lag_px": lag.px,
+        "lag_sd_px": lag.sd,
+        "scatter_px": lag.scatter,
+        "heading_ms": 1e3 * heading_lag(estimate.headings, simulator),
+        "median_deg": float(np.median(off)),
+        "p90_deg": float(np.percentile(off, 90)),
+    }
 
 
 def _truth(simulator: Simulator, t: Floats) -> Truth:
     ends = simulator.trajectory.t
     return simulator.truth(np.clip(t, ends[0], ends[-1]))
-
-
-DRIVES = (
-    Drive(101, "forward", speed=0.25),
-    Drive(102, "forward"),
-    Drive(103, "forward", speed=1.0),
-    Drive(104, "down", speed=0.25),
-    Drive(105, "down"),
-    Drive(106, "down", speed=1.0),
-    Drive(107, "down", speed=2.0, duration=9.0),
-    Drive(108, "tilted"),
-    Drive(109, "sideways"),
-    Drive(110, "tilted", threshold=0.1),
-    Drive(111, "tilted", threshold=0.4),
-    Drive(112, "forward", mismatch=0.1, noise_rate=1.0),
-    Drive(113, "tilted", mismatch=0.1, noise_rate=1.0),
-)
-"""Those of the stored table: speeds, looks, thresholds and noise, a new scene for each."""
-
-
-def main() -> None:
-    """Write the table."""
-    if len(sys.argv) != 2:
-        raise SystemExit(f"usage: python -m {__spec__.name} TABLE.csv")
-    names = [f.name for kind in (Drive, Row) for f in fields(kind)]
-    with Path(sys.argv[1]).open("w", newline="") as file:
-        table = csv.DictWriter(file, names, lineterminator="\n")
-        table.writeheader()
-        for drive, row in study(DRIVES):
-            values = {**asdict(drive), **asdict(row)}
-            table.writerow({k: _short(v) for k, v in values.items()})
-            file.flush()
-
-
-def _short(value: object) -> object:
-    return f"{value:.4g}" if isinstance(value, float) else value
-
-
-if __name__ == "__main__":
-    main()

@@ -1,4 +1,4 @@
-"""Simulated drives one level below events: corners as a camera sights them, wheels as they count.
+"""Simulated drives one level below events: corners as a camera observes them, and wheels.
 
 Simulating and reading events takes most of a calibration's time.  Here corners, points in space,
 are projected into keyframes by the moving camera, with noise, deaths, wrong matches and movers;
@@ -12,7 +12,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from data_tools.simulation.drives import Drive, wobble
+from data_tools.simulation.drives import Drive
+from data_tools.simulation.random_drives import wobble
 from data_tools.simulation.trajectory import Trajectory
 from data_tools.studies.sightings import (
     RATE,
@@ -96,7 +97,7 @@ class Fault:
 
 @dataclass(frozen=True, eq=False)
 class SightingDrive:
-    """Sightings and velocities of one drive, and the truth.
+    """Observations of corners and velocities of one drive, and the truth.
 
     Attributes
     ----------
@@ -145,7 +146,7 @@ class SightingDrive:
         xy, bearings = after.xy[j], after.bearings[j]
         reach = REACH * self.camera.width
         if self.false:
-            # Another corner within reach is as likely here as there.
+            # Another corner in the search window is as likely here as there.
             rng = np.random.default_rng([self.seed, before.number, after.number])
             wrong = np.flatnonzero(rng.random(i.size) < self.false)
             shift = reach * rng.uniform(-1.0, 1.0, (wrong.size, 2))
@@ -196,7 +197,7 @@ def sight(
     odometry_gaps: Spans = (),
     fault: Fault = Fault(),
 ) -> SightingDrive:
-    """Sight the corners around a drive, and read its wheels.
+    """Observe the corners around a drive, and read its wheels.
 
     Parameters
     ----------

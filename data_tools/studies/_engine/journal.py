@@ -3,7 +3,11 @@
 Neither HDF5 nor Parquet survives being killed while a file is open for writing.  A text file that
 is only ever appended to does: at worst its last line is torn, and a line that does not match its
 checksum is as if it had never been written.  When the last trial is done, the journal is folded
-into the columnar file (see `_table`), and removed.
+into the columnar file (see `table`), and removed.
+
+SQLite was tried in its place: 50 lines fewer, and as fast (0.4 s of processor time for 10,000 rows,
+a transaction each, against 0.3 s), but a file that lost its end is lost whole, a changed byte comes
+back as a wrong number, and folders without locks are refused.
 """
 
 from __future__ import annotations
@@ -26,7 +30,9 @@ except ImportError:  # pragma: no cover  (Windows has no such locks; nothing els
     fcntl = None  # type: ignore[assignment]
 
 SYNC_EVERY = 1.0
-"""Time [s] between forcing what was written onto the disk; a killed process needs none of it."""
+"""Time [s] between forcing what was written onto the disk; a killed process needs none of it.
+
+A choice: a power cut costs a second of work, and quick trials do not wait for the disk each."""
 
 
 class Journal:

@@ -25,10 +25,10 @@ THREADS = ("OMP", "OPENBLAS", "MKL", "NUMBA", "VECLIB_MAXIMUM", "NUMEXPR")
 """Libraries whose threads a worker does without: there is one worker per core already."""
 
 CONNECT = 10.0
-"""Time [s] that a scheduler has to answer."""
+"""Time [s] that a scheduler has to answer; a choice."""
 
 ASK_EVERY = 5.0
-"""Time [s] after which the number of a cluster's workers is asked for again."""
+"""Time [s] after which the number of a cluster's workers is asked for again; a choice."""
 
 
 class Pool(Protocol):

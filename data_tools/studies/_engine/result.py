@@ -17,7 +17,7 @@ from data_tools.studies._engine.table import Columns, read_table
 from evcalib import checks
 from evcalib.errors import InputError
 
-LABELS = ("group", "method", "ablation", "variant")
+LABELS = ("group", "method", "ablation", "variant", "localisation")
 """Columns that tell what is compared."""
 
 
@@ -35,7 +35,7 @@ class StudyResult:
         Groups and their parameters.
     table : dict of ndarray
         Columns of equal length: ``cell``, ``group``, ``trial``, ``failure`` (why the trial gave
-        nothing, or empty) and those of the study.
+        nothing, or empty) and those of the study; ``pandas.DataFrame(result.table)`` takes them.
     path : Path
         The file.
     """

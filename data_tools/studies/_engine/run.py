@@ -20,13 +20,17 @@ from data_tools.studies._engine.table import Columns, columns_of, read_table, wr
 from evcalib.errors import EvcalibError, InputError
 
 AHEAD = 2
-"""Pieces of work handed out per worker, so that none waits for the next."""
+"""Pieces of work handed out per worker: one runs, and one waits, so that no worker does."""
 
 PIECES = 500
-"""Pieces per worker that a study is cut into at least, if its trials are so many."""
+"""Pieces per worker that a study is cut into at least, if its trials are so many.
+
+A choice: a kill, or waiting for the last worker, costs a 500th of the time at most."""
 
 DEATHS = 2
-"""Workers that a trial may take with it, while it runs alone, before it counts as failed."""
+"""Workers that a trial may take with it, while it runs alone, before it counts as failed.
+
+A choice: once may be an accident of the machine, and a third time would only cost more."""
 
 GONE = "the scheduler, or the connection to it, is gone"
 
