@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from evcalib import checks
 from evcalib.arrays import Floats, Integers
+from evcalib.display import Shown
 from evcalib.errors import InputError
 from evcalib.series import segments
 
@@ -25,7 +26,7 @@ GAP = 5.0
 
 
 @dataclass(frozen=True, eq=False)
-class PoseSeries:
+class PoseSeries(Shown):
     """Poses over time: where a sensor was in a world of its own, and how it was turned.
 
     Attributes
@@ -151,7 +152,7 @@ KEYFRAMES = 50
 
 
 @dataclass(frozen=True, eq=False)
-class Motions:
+class Motions(Shown):
     """Poses of the camera and of the body at the same instants.
 
     Attributes

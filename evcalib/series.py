@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from evcalib import checks
 from evcalib.arrays import Flags, Floats, Integers
+from evcalib.display import Shown
 from evcalib.errors import InputError
 
 MAX_SPEED = 100.0
@@ -25,7 +26,7 @@ def _optional(values: object, name: str, n: int) -> Floats | None:
 
 
 @dataclass(frozen=True, eq=False)
-class VelocitySeries:
+class VelocitySeries(Shown):
     """Linear velocity of the body over time.
 
     Attributes
@@ -82,7 +83,7 @@ class VelocitySeries:
 
 
 @dataclass(frozen=True, eq=False)
-class HeadingSeries:
+class HeadingSeries(Shown):
     """Direction of the camera's own motion over time.
 
     Attributes

@@ -21,6 +21,7 @@ from evcalib.alignment._stream_pair import (
     weights,
 )
 from evcalib.arrays import Floats, Integers
+from evcalib.display import Shown
 from evcalib.errors import InputError
 from evcalib.kernels.alignment import offset as kernel
 from evcalib.kinematics.velocity_track import VelocityTrack
@@ -39,7 +40,7 @@ RANK_TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class OffsetCurve:
+class OffsetCurve(Shown):
     """Score over candidate offsets, and its peak.
 
     Attributes

@@ -10,6 +10,7 @@ from evcalib.alignment._stream_pair import intervals, no_overlap, weights
 from evcalib.alignment.offset import WIDE_REACHES
 from evcalib.alignment.rotation import Mixture, estimate_rotation, fit_mixture, misfits, tukey_reach
 from evcalib.arrays import Floats
+from evcalib.display import Shown
 from evcalib.errors import InputError
 from evcalib.geometry import rotation_angle
 from evcalib.kernels.alignment.rotation import best_rotation
@@ -38,7 +39,7 @@ SHARP = 1.3
 
 
 @dataclass(frozen=True, eq=False)
-class Residuals:
+class Residuals(Shown):
     """Headings against body directions after the calibration.
 
     Attributes

@@ -9,6 +9,7 @@ import numpy as np
 
 from evcalib import checks
 from evcalib.arrays import Floats
+from evcalib.display import Shown
 from evcalib.errors import InputError
 from evcalib.kernels.alignment import mixture as kernel
 
@@ -22,7 +23,7 @@ MIN_SIGMA = 1e-5
 
 
 @dataclass(frozen=True)
-class RotationEstimate:
+class RotationEstimate(Shown):
     """A rotation and how it was reached.
 
     Attributes

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from evcalib import checks
 from evcalib.alignment.verdict import SEARCH_LESS, SPREAD_MORE, TURN_MORE
 from evcalib.arrays import Floats
+from evcalib.display import Shown
 from evcalib.errors import InputError
 from evcalib.joint import SYSTEMATIC
 from evcalib.series import VelocitySeries
@@ -63,7 +64,7 @@ class Viewing:
 
 
 @dataclass(frozen=True, eq=False)
-class Prediction:
+class Prediction(Shown):
     """The best precision that a drive allows.
 
     Attributes

@@ -8,6 +8,7 @@ import numpy as np
 
 from evcalib.alignment.offset import OffsetCurve
 from evcalib.arrays import Floats
+from evcalib.display import Shown
 from evcalib.joint._model_checks import Departure
 
 
@@ -39,7 +40,7 @@ SYSTEMATIC = Systematic()
 
 
 @dataclass(frozen=True, eq=False)
-class JointRefinement:
+class JointRefinement(Shown):
     """Rotation and offset from all tracks.
 
     Attributes

@@ -8,6 +8,7 @@ import numpy as np
 
 from evcalib import checks
 from evcalib.arrays import Flags, Floats
+from evcalib.display import Shown
 from evcalib.errors import InputError
 from evcalib.kinematics._states import WheelLog
 from evcalib.kinematics._vehicles import Vehicle
@@ -15,7 +16,7 @@ from evcalib.series import VelocitySeries
 
 
 @dataclass(frozen=True, eq=False)
-class BodyVelocities:
+class BodyVelocities(Shown):
     """Body velocities from wheels, and what was left out.
 
     Attributes
