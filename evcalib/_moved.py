@@ -68,6 +68,13 @@ MOVED = {
 }
 """Old modules, and where their names are now; the first that has a name is taken."""
 
+RENAMED = {
+    "evcalib.widgets.cockpit.Recording": "SolvedStreams",
+    "evcalib.widgets.heading.Recording": "KnownMotion",
+    "evcalib.widgets.surfaces.Recording": "EventsAndFrames",
+}
+"""Old names at their new place, and what they are called there."""
+
 LEFT = {
     "evcalib.design": "evcalib.design._prediction",
     "evcalib.features": "evcalib.features._keypoints",
@@ -105,8 +112,9 @@ def _shown(home: str) -> str:
 def _look_up(old: str, homes: Sequence[str]) -> Callable[[str], Any]:
     def look_up(name: str) -> Any:
         for home in map(import_module, homes):
-            if name in vars(home):
-                return getattr(home, name)
+            now = RENAMED.get(f"{home.__name__}.{name}", name)
+            if now in vars(home):
+                return getattr(home, now)
         raise AttributeError(f"module {old!r} has no attribute {name!r}")
 
     return look_up
@@ -121,6 +129,19 @@ def leftovers(folder: str) -> Callable[[str], Any]:
             raise AttributeError(f"module {folder!r} has no attribute {name!r}")
         found = look_up(name)
         warnings.warn(f"{folder}.{name} is public no more", DeprecationWarning, stacklevel=2)
+        return found
+
+    return tell
+
+
+def renamed(module: str) -> Callable[[str], Any]:
+    """Return the ``__getattr__`` of a module that stays where it was, with names that do not."""
+    look_up = _look_up(module, [module])
+
+    def tell(name: str) -> Any:
+        found = look_up(name)
+        now = RENAMED[f"{module}.{name}"]
+        warnings.warn(f"{module}.{name} is called {now} now", DeprecationWarning, stacklevel=2)
         return found
 
     return tell

@@ -139,12 +139,7 @@ def _rotations(given: ArrayLike | None, n: int) -> Floats:
                 " is it a unit quaternion, in the right columns?"
             )
         return Rotation.from_quat(wxyz[:, [1, 2, 3, 0]]).as_matrix()
-    matrices = checks.floats(given, "pose rotation", (n, 3, 3))
-    off = np.abs(matrices @ matrices.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
-    off = np.maximum(off, np.abs(np.linalg.det(matrices) - 1.0))
-    if off.max() > 1e-6:
-        raise InputError(f"pose {int(np.argmax(off > 1e-6))} has a matrix that is not a rotation")
-    return matrices
+    return checks.rotations(given, "pose rotation", n)
 
 
 KEYFRAMES = 50

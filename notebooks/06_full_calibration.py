@@ -542,10 +542,10 @@ for name, joint in refined.items():
 # drive, the two streams, the solution, and the truth to compare with:
 
 # %%
-from evcalib.widgets.cockpit import Cockpit, Recording, Scorer
+from evcalib.widgets.cockpit import Cockpit, Scorer, SolvedStreams
 
 recordings = {
-    name: Recording(estimates[name].headings, drive.velocities, final[name], drive.truth)
+    name: SolvedStreams(estimates[name].headings, drive.velocities, final[name], drive.truth)
     for name, drive in drives.items()
 }
 

@@ -96,6 +96,7 @@ def align(
     >>> found.offset_observable, round(found.offset, 2)
     (True, 0.2)
     """
+    checks.instance(headings, "headings", HeadingSeries)
     checks.one_of(offset_method, "offset_method", OFFSET_METHODS)
     checks.one_of(rotation_method, "rotation_method", ROTATION_METHODS)
     checks.positive(max_offset, "max_offset", "seconds")

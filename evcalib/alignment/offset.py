@@ -130,6 +130,8 @@ def find_offset(
     >>> round(curve.offset, 2), curve.at_edge
     (0.2, False)
     """
+    checks.instance(headings, "headings", HeadingSeries)
+    checks.instance(track, "track", VelocityTrack)
     checks.one_of(method, "offset_method", METHODS[:-1])
     offsets = candidate_offsets(max_offset, step)
     headings = headings.usable()

@@ -69,6 +69,7 @@ class HeadingEstimator:
         seed: int = 0,
         keep_correspondences: bool = False,
     ) -> None:
+        checks.instance(camera, "camera", Camera)
         checks.one_of(surface, "surface", tuple(SURFACES))
         checks.one_of(detector, "detector", tuple(DETECTORS))
         checks.one_of(localisation, "localisation", tuple(LOCALISATIONS))

@@ -106,6 +106,7 @@ def body_velocities(
     InputError
         If the log does not fit the vehicle, a limit is not positive, or no row is left.
     """
+    checks.instance(wheel_log, "wheel_log", WheelLog)
     twist = vehicle.twist(wheel_log.states)
     v = np.column_stack([twist.v, np.zeros(len(twist.v))])
     whole = BodyVelocities(
