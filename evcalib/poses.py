@@ -19,10 +19,17 @@ MIN_POSES = 3
 """Fewest poses of a trajectory: two motions."""
 
 UNIT_TOLERANCE = 0.01
-"""Lengths of quaternions within this of 1 are rounding, and are normalised."""
+"""Lengths of quaternions within this of 1 are rounding, and are normalised.
+
+A choice: numbers of two decimals pass; columns in the wrong order, a time among them, do not.
+"""
 
 GAP = 5.0
-"""Steps longer than this many median steps are gaps."""
+"""Steps longer than this many median steps are gaps.
+
+A choice, that of `velocity_track` too: a lost sample or three are interpolated, a halt of the
+recorder is not.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,7 +150,10 @@ def _rotations(given: ArrayLike | None, n: int) -> Floats:
 
 
 KEYFRAMES = 50
-"""Poses that are taken, evenly spread: every pair of them is a motion."""
+"""Poses that are taken, evenly spread: every pair of them is a motion.
+
+A choice: the 1225 pairs are searched anew at each offset, and the time grows with their number.
+"""
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,7 +21,10 @@ from evcalib.plots._globe import draw_globe
 from evcalib.series import HeadingSeries, VelocitySeries
 
 SLOW = 0.1
-"""Below this share of the median speed a direction of travel is not drawn."""
+"""Below this share of the median speed a direction of travel is not drawn.
+
+That of `velocity_track`, which gives none there, but of the median: a choice for the eye alone.
+"""
 
 _NAMES = {
     "profile": "robust score",
