@@ -77,6 +77,8 @@ def _wrapped(text: str, most: int) -> list[str]:
 
 def visible(text: str) -> str:
     """Return text with a mark for each character that turns, hides or breaks what stands by it."""
+    if text.isprintable():
+        return text  # as are the megabytes of a picture
     return "".join("\ufffd" if _unseen(c) else c for c in text)
 
 
