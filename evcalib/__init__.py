@@ -16,10 +16,10 @@ The method is that of Li et al., "Spatio-Temporal Calibration for Omni-Direction
 Vehicle-Mounted Event Cameras", IEEE RA-L 9(3), 2024, doi 10.1109/LRA.2024.3355765.
 """
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from evcalib import _moved
+from evcalib._lazy import lazy
 
 if TYPE_CHECKING:
     from evcalib.alignment import Calibration, align
@@ -66,15 +66,4 @@ _MODULES = (
 
 _moved.install(_moved.MOVED)
 
-
-def __getattr__(name: str) -> Any:
-    """Import a public name or module when it is first used, so that importing evcalib is quick."""
-    if name in _HOMES:
-        return getattr(import_module(f"evcalib.{_HOMES[name]}"), name)
-    if name in _MODULES:
-        return import_module(f"evcalib.{name}")
-    raise AttributeError(f"module 'evcalib' has no attribute {name!r}")
-
-
-def __dir__() -> list[str]:
-    return sorted((*__all__, *_MODULES))
+__getattr__, __dir__ = lazy(__name__, _HOMES, _MODULES)

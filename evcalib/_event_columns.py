@@ -10,7 +10,11 @@ from evcalib.checks import whole_us
 from evcalib.errors import InputError
 
 MAX_TIME_US = 10**14
-"""Times above this [us], about three years, are taken for Unix time or for nanoseconds."""
+"""Times above this [us], about three years, are taken for Unix time or for nanoseconds.
+
+A choice between what is found: recordings last hours (1e10), Unix time is 1.7e15, and an hour in
+nanoseconds 3.6e12; a day of these is as large as this.
+"""
 
 _PER_UNIT = {"s": 1_000_000, "ms": 1_000}
 

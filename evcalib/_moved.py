@@ -71,6 +71,13 @@ MOVED = {
 }
 """Old modules, and where their names are now; the first that has a name is taken."""
 
+RENAMED = {
+    "evcalib.widgets.cockpit.Recording": "SolvedStreams",
+    "evcalib.widgets.heading.Recording": "KnownMotion",
+    "evcalib.widgets.surfaces.Recording": "EventsAndFrames",
+}
+"""Old names at their new place, and what they are called there."""
+
 LEFT = {
     "evcalib.design": "evcalib.design._prediction",
     "evcalib.features": "evcalib.features._keypoints",
@@ -196,6 +203,19 @@ def renamed_fields(**new: str) -> Callable[[type[T]], type[T]]:
         return cls
 
     return decorate
+
+
+def renamed(module: str) -> Callable[[str], Any]:
+    """Return the ``__getattr__`` of a module that stays where it was, with names that do not."""
+    look_up = _look_up(module, [module])
+
+    def tell(name: str) -> Any:
+        found = look_up(name)
+        now = RENAMED[f"{module}.{name}"]
+        warnings.warn(f"{module}.{name} is called {now} now", DeprecationWarning, stacklevel=2)
+        return found
+
+    return tell
 
 
 class _Finder(MetaPathFinder):

@@ -8,6 +8,13 @@ from numpy.typing import ArrayLike
 from evcalib.arrays import Floats
 from evcalib.errors import InputError
 
+ROTATION_TOLERANCE = 1e-6
+"""Largest departure of R R^T from the identity, and of det R from 1, that is taken for rounding.
+
+A choice: numbers written with seven digits pass, and single precision does; a matrix that was
+typed with fewer is refused, since the angle that it is off adds to every direction.
+"""
+
 
 def floats(values: ArrayLike, name: str, shape: tuple[int | None, ...]) -> Floats:
     """Return finite C-ordered float64 values of the given shape (None = any length)."""
@@ -31,6 +38,17 @@ def floats(values: ArrayLike, name: str, shape: tuple[int | None, ...]) -> Float
     return array
 
 
+def rotations(values: ArrayLike, name: str, n: int) -> Floats:
+    """Return rotation matrices, shape (n, 3, 3)."""
+    matrices = floats(values, name, (n, 3, 3))
+    off = np.abs(matrices @ matrices.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
+    off = np.maximum(off, np.abs(np.linalg.det(matrices) - 1.0))
+    if off.max() > ROTATION_TOLERANCE:
+        row = int(np.argmax(off > ROTATION_TOLERANCE))
+        raise InputError(f"{name} {row} is not a rotation matrix")
+    return matrices
+
+
 def times(t: ArrayLike, name: str = "t") -> Floats:
     """Return finite, strictly increasing times [s]."""
     array = floats(t, name, (None,))
@@ -45,6 +63,50 @@ def times(t: ArrayLike, name: str = "t") -> Floats:
     return array
 
 
+MADE_BY = {
+    "BodyVelocities": "evcalib.kinematics.body_velocities(wheel_log, vehicle)",
+    "Calibration": "evcalib.align(headings, velocities)",
+    "CalibrationRun": "evcalib.calibrate(events, camera, velocities)",
+    "Camera": (
+        "evcalib.Camera(width, height, fx, fy, cx, cy)"
+        " or data_tools.logs.camera_files.read_camera(path)"
+    ),
+    "Events": (
+        "evcalib.Events.from_arrays(x, y, t, p, width, height)"
+        " or data_tools.recordings.open_recording(path)"
+    ),
+    "HeadingSeries": (
+        "evcalib.HeadingSeries(t, v), or take .headings of"
+        " evcalib.estimate_headings(events, camera)"
+    ),
+    "OffsetCurve": "evcalib.alignment.offset.find_offset(headings, track)",
+    "Swerve": (
+        "evcalib.kinematics.Swerve(wheels) or data_tools.logs.vehicle_files.read_vehicle(path)"
+    ),
+    "Tracks": "evcalib.joint.tracks.tracks_of(correspondences)",
+    "VelocitySeries": (
+        "evcalib.VelocitySeries(t, v) or data_tools.logs.series_files.read_velocities(path), or"
+        " take .velocities of evcalib.kinematics.body_velocities(wheel_log, vehicle)"
+    ),
+    "VelocityTrack": "evcalib.kinematics.velocity_track.velocity_track(velocities)",
+    "WheelLog": (
+        "evcalib.kinematics.WheelLog(t, states) or"
+        " data_tools.logs.wheel_logs.read_wheel_log(path, vehicle)"
+    ),
+}
+"""How the classes that the front doors take are made, by name."""
+
+
+def instance(value: object, name: str, *kinds: type, how: str = "") -> None:
+    """Raise InputError unless the value is of one of these classes, and say how one is made."""
+    if not isinstance(value, kinds):
+        how = how or MADE_BY.get(kinds[0].__name__, "")
+        raise InputError(
+            f"{name} must be {' or '.join(kind.__name__ for kind in kinds)}, not"
+            f" {type(value).__name__}" + (f"; make it with {how}" if how else "")
+        )
+
+
 def one_of(value: str, name: str, choices: tuple[str, ...]) -> str:
     """Return value if it is one of the choices."""
     if value not in choices:
@@ -52,35 +114,16 @@ def one_of(value: str, name: str, choices: tuple[str, ...]) -> str:
     return value
 
 
-MAKERS = {
-    "Camera": "Camera(width, height, fx, fy, cx, cy) makes one,"
-    " data_tools.logs.camera_files.read_camera reads a file",
-    "Events": "Events(x, y, t, p, width, height) makes them,"
-    " data_tools.recordings.open_recording reads a file",
-    "Swerve": "evcalib.kinematics.Swerve(wheels) makes one,"
-    " data_tools.logs.vehicle_files.read_vehicle reads a file",
-    "Tracks": "evcalib.joint.tracks.tracks_of makes them of correspondences",
-    "VelocitySeries": "VelocitySeries(t, v) makes one,"
-    " data_tools.logs.series_files.read_velocities reads a file",
-    "VelocityTrack": "evcalib.kinematics.velocity_track.velocity_track makes one of velocities",
-    "WheelLog": "evcalib.kinematics.WheelLog(t, states) makes one,"
-    " data_tools.logs.wheel_logs.read_wheel_log reads a file",
-}
-"""How the types are made that functions ask for."""
-
-
-def of_type(value: object, name: str, *wanted: type) -> None:
-    """Refuse a value of another type, and say what makes one of the first type wanted."""
-    if not isinstance(value, wanted):
-        kinds = " or ".join(kind.__name__ for kind in wanted)
-        raise InputError(
-            f"{name} must be {kinds}, not {type(value).__name__}: {MAKERS[wanted[0].__name__]}"
-        )
+def _number(value: float) -> float:
+    try:
+        return float(value)
+    except (TypeError, ValueError):
+        return float("nan")
 
 
 def positive(value: float, name: str, unit: str = "") -> float:
     """Return a finite number above zero."""
-    number = float(value)
+    number = _number(value)
     if not (np.isfinite(number) and number > 0):
         raise InputError(f"{name} must be a positive number{unit and ' of ' + unit}, not {value!r}")
     return number
@@ -88,7 +131,7 @@ def positive(value: float, name: str, unit: str = "") -> float:
 
 def at_least_zero(value: float, name: str) -> float:
     """Return a finite number that is not negative."""
-    number = float(value)
+    number = _number(value)
     if not 0 <= number < np.inf:
         raise InputError(f"{name} must be a finite number of at least 0, not {value!r}")
     return number

@@ -14,6 +14,7 @@ from evcalib import _event_columns as take
 from evcalib import checks
 from evcalib._event_columns import MAX_TIME_US
 from evcalib.arrays import Flags, Integers
+from evcalib.display import Shown
 from evcalib.errors import InputError
 
 _FIELDS = {
@@ -25,7 +26,7 @@ _FIELDS = {
 
 
 @dataclass(frozen=True, eq=False)
-class Events:
+class Events(Shown):
     """Events of one camera in the order of their times.
 
     Building it checks everything once; slices are views that are not checked again.  The columns

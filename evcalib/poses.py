@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from evcalib import checks
 from evcalib.arrays import Floats, Integers
+from evcalib.display import Shown
 from evcalib.errors import InputError
 from evcalib.series import segments
 
@@ -18,14 +19,21 @@ MIN_POSES = 3
 """Fewest poses of a trajectory: two motions."""
 
 UNIT_TOLERANCE = 0.01
-"""Lengths of quaternions within this of 1 are rounding, and are normalised."""
+"""Lengths of quaternions within this of 1 are rounding, and are normalised.
+
+A choice: numbers of two decimals pass; columns in the wrong order, a time among them, do not.
+"""
 
 GAP = 5.0
-"""Steps longer than this many median steps are gaps."""
+"""Steps longer than this many median steps are gaps.
+
+A choice, that of `velocity_track` too: a lost sample or three are interpolated, a halt of the
+recorder is not.
+"""
 
 
 @dataclass(frozen=True, eq=False)
-class PoseSeries:
+class PoseSeries(Shown):
     """Poses over time: where a sensor was in a world of its own, and how it was turned.
 
     Attributes
@@ -138,20 +146,18 @@ def _rotations(given: ArrayLike | None, n: int) -> Floats:
                 " is it a unit quaternion, in the right columns?"
             )
         return Rotation.from_quat(wxyz[:, [1, 2, 3, 0]]).as_matrix()
-    matrices = checks.floats(given, "pose rotation", (n, 3, 3))
-    off = np.abs(matrices @ matrices.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
-    off = np.maximum(off, np.abs(np.linalg.det(matrices) - 1.0))
-    if off.max() > 1e-6:
-        raise InputError(f"pose {int(np.argmax(off > 1e-6))} has a matrix that is not a rotation")
-    return matrices
+    return checks.rotations(given, "pose rotation", n)
 
 
 KEYFRAMES = 50
-"""Poses that are taken, evenly spread: every pair of them is a motion."""
+"""Poses that are taken, evenly spread: every pair of them is a motion.
+
+A choice: the 1225 pairs are searched anew at each offset, and the time grows with their number.
+"""
 
 
 @dataclass(frozen=True, eq=False)
-class Motions:
+class Motions(Shown):
     """Poses of the camera and of the body at the same instants.
 
     Attributes

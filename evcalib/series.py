@@ -9,13 +9,26 @@ from numpy.typing import NDArray
 
 from evcalib import checks
 from evcalib.arrays import Flags, Floats, Integers
+from evcalib.display import Shown
 from evcalib.errors import InputError
 
 MAX_SPEED = 100.0
-"""Speeds above this [m/s] are taken for a mistake of units."""
+"""Speeds above this [m/s] are taken for a mistake of units.
+
+A choice: no wheeled vehicle of ours is as fast, and mm/s of one that walks are 1000.
+"""
 
 _TOUCH = 1e-5
-"""Times [s] may lie so far outside their interval, by rounding."""
+"""Times [s] may lie so far outside their interval, by rounding.
+
+A choice: ten microseconds, of which files of six decimals round away a half.
+"""
+
+UNIT_TOLERANCE = 0.05
+"""Lengths of headings within this of 1 are rounding, and are normalised.
+
+A choice: it lets two decimals pass, and refuses velocities and pixels, whose lengths differ.
+"""
 
 
 def _optional(values: object, name: str, n: int) -> Floats | None:
@@ -25,7 +38,7 @@ def _optional(values: object, name: str, n: int) -> Floats | None:
 
 
 @dataclass(frozen=True, eq=False)
-class VelocitySeries:
+class VelocitySeries(Shown):
     """Linear velocity of the body over time.
 
     Attributes
@@ -87,7 +100,7 @@ class VelocitySeries:
 
 
 @dataclass(frozen=True, eq=False)
-class HeadingSeries:
+class HeadingSeries(Shown):
     """Direction of the camera's own motion over time.
 
     Attributes
@@ -178,9 +191,9 @@ class HeadingSeries:
         return self if mask.all() else self.select(mask)
 
 
-def _unit(v: Floats, tolerance: float = 0.05) -> Floats:
+def _unit(v: Floats) -> Floats:
     length = np.linalg.norm(v, axis=1)
-    bad = np.abs(length - 1.0) > tolerance
+    bad = np.abs(length - 1.0) > UNIT_TOLERANCE
     if bad.any():
         row = int(np.argmax(bad))
         raise InputError(
@@ -199,7 +212,7 @@ def _set(instance: object, name: str, value: object) -> None:
 
 
 BORDER = 1e-6
-"""Times this close [s] to a border lie on it."""
+"""Times this close [s] to a border lie on it: events count whole microseconds."""
 
 
 def segments(t: Floats, gap: float) -> Integers:

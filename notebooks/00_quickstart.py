@@ -364,9 +364,10 @@ DriveDesigner(PLANS)
 # - [`evcalib.design.waypoints.drive_through`](../evcalib/design/waypoints.py): a drive along your
 #   own way points.
 # - [`evcalib.report.report_figures`](../evcalib/report/_figures.py) and
-#   [`evcalib.report`](../evcalib/report/_page.py): the pictures, and the page that holds them.
+#   [`evcalib.report.report_html`](../evcalib/report/_page.py): the pictures, and the page that
+#   holds them.
 # - [`evcalib.widgets.designer.DriveDesigner`](../evcalib/widgets/designer.py): the panel above.
-# - [`data_tools.recordings`](../data_tools/recordings/_recording.py),
+# - [`data_tools.recordings`](../data_tools/recordings/__init__.py),
 #   [`data_tools.logs.velocity_sources`](../data_tools/logs/velocity_sources.py) and
 #   [`data_tools.runs.export`](../data_tools/runs/export.py): what can be read and written.
 # - On the command line: `evcalib calibrate --help`, `evcalib export --help`, `evcalib info --help`.

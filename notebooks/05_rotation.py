@@ -466,8 +466,8 @@ RotationPanel(spoiled_pairs, list(kinds))
 # - [`evcalib.alignment.rotation.estimate_rotation`](../evcalib/alignment/rotation.py) with
 #   `method="tukey"`, `"l1"`, `"kabsch"`, `"gnc"` or `"cca"`: rotation, weights, scale, and whether
 #   it converged.
-# - [`evcalib.uncertainty`](../evcalib/uncertainty/_covariance.py): (6) with correlated noise and
-#   the offset's share.
+# - [`evcalib.uncertainty.joint_covariance`](../evcalib/uncertainty/_covariance.py): (6) with
+#   correlated noise and the offset's share.
 # - [`evcalib.alignment.observability.direction_spread`](../evcalib/alignment/observability.py):
 #   which axis the motion leaves open.
 # - [`evcalib.plots.rotation`](../evcalib/plots/rotation.py),

@@ -542,10 +542,10 @@ for name, joint in refined.items():
 # drive, the two streams, the solution, and the truth to compare with:
 
 # %%
-from evcalib.widgets.cockpit import Cockpit, Recording, Scorer
+from evcalib.widgets.cockpit import Cockpit, Scorer, SolvedStreams
 
 recordings = {
-    name: Recording(estimates[name].headings, drive.velocities, final[name], drive.truth)
+    name: SolvedStreams(estimates[name].headings, drive.velocities, final[name], drive.truth)
     for name, drive in drives.items()
 }
 
@@ -639,7 +639,7 @@ Cockpit(recordings)
 #   [`evcalib.align`](../evcalib/alignment/_align.py),
 #   [`evcalib.joint.tracks.tracks_of`](../evcalib/joint/tracks.py),
 #   [`evcalib.joint.refine_jointly`](../evcalib/joint/_refine.py) and
-#   [`evcalib.pipeline.finish`](../evcalib/pipeline/_assessment.py).
+#   `finish` in [the pipeline's assessment](../evcalib/pipeline/_assessment.py).
 # - [`evcalib.kernels.joint.observations`](../evcalib/kernels/joint/observations.py): equation (3),
 #   its derivatives, and the elimination of each corner's own unknowns.
 # - [`data_tools.simulation.recorded_drive`](../data_tools/simulation/recorded_drive.py) and

@@ -155,13 +155,13 @@ def test_the_stages_one_by_one_give_the_papers_chain(run, sweep, calibrated, tmp
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
-        ({"events": Path("events.h5")}, r"events must be Events, not \w+Path: .*open_recording"),
-        ({"events": "events.h5"}, r"events must be Events, not str: "),
-        ({"events": np.zeros((9, 4))}, r"events must be Events, not ndarray: "),
-        ({"camera": np.eye(3)}, r"camera must be Camera, not ndarray: .*read_camera"),
+        ({"events": Path("events.h5")}, r"events must be Events, not \w+Path; .*open_recording"),
+        ({"events": "events.h5"}, r"events must be Events, not str; "),
+        ({"events": np.zeros((9, 4))}, r"events must be Events, not ndarray; "),
+        ({"camera": np.eye(3)}, r"camera must be Camera, not ndarray; .*read_camera"),
         (
             {"velocities": np.zeros((9, 3))},
-            r"velocities must be VelocitySeries or BodyVelocities, not ndarray: .*read_velocities",
+            r"velocities must be VelocitySeries or BodyVelocities, not ndarray; .*read_velocities",
         ),
     ],
 )

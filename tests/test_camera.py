@@ -218,3 +218,14 @@ def test_bad_camchains(tmp_path, old, new, message):
     path.write_text(CAMCHAIN.replace(old, new, 1))
     with pytest.raises(InputError, match=message):
         read_camchain(path)
+
+
+@pytest.mark.parametrize(
+    "camera", [*CAMERAS, Camera(346, 260, 100, 100, 173, 130, (-0.3, 0, 0, 0))]
+)
+def test_half_of_newtons_steps_find_the_same_bearings(camera, monkeypatch):
+    y, x = np.mgrid[: camera.height : 3, : camera.width : 3]
+    pixels = np.stack([x.ravel(), y.ravel()], axis=1)
+    full = camera.bearings(pixels)
+    monkeypatch.setattr("evcalib.camera._STEPS", 15)
+    np.testing.assert_allclose(camera.bearings(pixels), full, rtol=0, atol=1e-12)

@@ -13,6 +13,7 @@ from evcalib.geometry import (
     quaternion_to_matrix,
     random_rotation,
     rotation_angle,
+    rotation_vector,
     rotation_vector_to_matrix,
     rpy_to_matrix,
     unit,
@@ -101,3 +102,22 @@ def test_random_rotations_are_uniform():
     angle = np.array([rotation_angle(r) for r in R])
     # The angle's density (1 - cos a) / pi has mean pi / 2 + 2 / pi.
     assert angle.mean() == pytest.approx(np.pi / 2 + 2 / np.pi, abs=5 * 0.65 / np.sqrt(2000))
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-9, 0.3, 3.0])
+def test_a_rotation_vector_comes_back_from_its_matrix(angle):
+    vector = angle * unit([2, -1, 2])
+    np.testing.assert_allclose(
+        rotation_vector(rotation_vector_to_matrix(vector)), vector, rtol=1e-9, atol=1e-15
+    )
+
+
+def test_a_seed_draws_the_rotation_that_it_always_drew():
+    expected = Rotation.from_quat(np.random.default_rng(5).standard_normal(4)[[1, 2, 3, 0]])
+    found = random_rotation(np.random.default_rng(5))
+    np.testing.assert_allclose(found, expected.as_matrix(), atol=1e-15)
+
+
+def test_no_rotation_has_no_angle():
+    assert np.isnan(rotation_angle(np.full((3, 3), np.nan)))
+    assert np.isnan(matrix_to_rpy(np.full((3, 3), np.nan))).all()

@@ -406,9 +406,9 @@ def test_speeds_in_wrong_units_are_refused():
 
 def test_a_wrong_type_is_told_with_what_makes_the_right_one():
     vehicle, log = drive_with_faults()
-    with pytest.raises(InputError, match=r"wheel_log must be WheelLog, not str: .*read_wheel_log"):
+    with pytest.raises(InputError, match=r"wheel_log must be WheelLog, not str; .*read_wheel_log"):
         body_velocities("wheels.csv", vehicle)
-    with pytest.raises(InputError, match="vehicle must be Swerve or Mecanum or Omni, not dict: "):
+    with pytest.raises(InputError, match="vehicle must be Swerve or Mecanum or Omni, not dict; "):
         body_velocities(log, {"type": "mecanum"})
 
 

@@ -10,8 +10,8 @@ ROOT = Path(__file__).parents[1]
 FILES = sorted(path for name in ("evcalib", "data_tools") for path in (ROOT / name).rglob("*.py"))
 
 NOUNS = {
-    *("__init__", "__main__", "_moved", "_event_columns", "arrays", "camera", "checks", "errors"),
-    *("events", "geometry", "poses", "series"),
+    *("__init__", "__main__", "_event_columns", "_lazy", "_moved", "arrays", "camera", "checks"),
+    *("display", "errors", "events", "geometry", "poses", "series"),
 }
 """What everything is said in; all else stands in the folder of its step."""
 

@@ -38,7 +38,7 @@ def test_old_names_are_found(path, names):
         return
     module = importlib.import_module(path)
     for name in names:
-        if name not in vars(module):
+        if name not in dir(module):
             with pytest.warns(DeprecationWarning, match=f"{path}.{name} is public no more"):
                 getattr(module, name)
 

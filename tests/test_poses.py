@@ -81,7 +81,7 @@ def test_nothing_is_extrapolated_or_interpolated_across_a_gap(time):
         ((T, LINE[:3]), r"pose position must have shape \(4, 3\)"),
         ((T, LINE * np.nan), "pose position holds 12 value.s. that are NaN"),
         ((T, LINE, np.full((4, 4), 0.6)), "pose 0 has a quaternion of length 1.2, not 1"),
-        ((T, LINE, np.ones((4, 3, 3))), "pose 0 has a matrix that is not a rotation"),
+        ((T, LINE, np.ones((4, 3, 3))), "pose rotation 0 is not a rotation matrix"),
         ((T, LINE, np.tile(np.diag([1, 1, -1.0]), (4, 1, 1))), "not a rotation"),
         ((T, LINE, None, 0.0), "max_gap must be a positive number"),
     ],

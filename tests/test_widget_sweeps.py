@@ -22,7 +22,7 @@ from evcalib.geometry import unit
 from evcalib.kinematics import Swerve, Wheel
 from evcalib.plots import style
 from evcalib.widgets._parts import Panel
-from evcalib.widgets.cockpit import Cockpit, Recording
+from evcalib.widgets.cockpit import Cockpit, SolvedStreams
 from evcalib.widgets.designer import DriveDesigner
 from evcalib.widgets.heading import HeadingPanel
 from evcalib.widgets.kinematics import SwervePanel
@@ -67,7 +67,7 @@ def pairs(kind, share):
 
 def recording(drive):
     s = simulate(drive, np.random.default_rng(7), offset=OFFSET, heading_noise=Noise(sigma=0.02))
-    return Recording(s.headings, s.velocities, align(s.headings, s.velocities), s)
+    return SolvedStreams(s.headings, s.velocities, align(s.headings, s.velocities), s)
 
 
 def noise_events(seed, direction):

@@ -14,7 +14,7 @@ from evcalib.alignment import align
 from evcalib.alignment.offset_refinement import inliers_at
 from evcalib.errors import InputError
 from evcalib.geometry import LOOKS_FORWARD, rotation_angle, rpy_to_matrix
-from evcalib.widgets.cockpit import STEPS, Cockpit, Recording
+from evcalib.widgets.cockpit import STEPS, Cockpit, SolvedStreams
 
 TRUE, ANGLES = 0.23, (12.0, -7.0, 31.0)
 DRAW = Cockpit.draw
@@ -30,7 +30,7 @@ def recording(drive, seed=7):
         velocity_noise=Noise(sigma=0.01),
     )
     truth = SimpleNamespace(offset=s.offset, R_body_cam=s.R_body_cam)
-    return Recording(s.headings, s.velocities, align(s.headings, s.velocities), truth)
+    return SolvedStreams(s.headings, s.velocities, align(s.headings, s.velocities), truth)
 
 
 @pytest.fixture(scope="module")

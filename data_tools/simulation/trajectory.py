@@ -123,9 +123,4 @@ def _rotations(given: ArrayLike | None, n: int) -> Floats:
     if values.ndim == 1:
         angles = checks.floats(values, "trajectory rotation", (n,))
         return Rotation.from_rotvec(np.outer(angles, [0.0, 0.0, 1.0])).as_matrix()
-    matrices = checks.floats(values, "trajectory rotation", (n, 3, 3))
-    off = np.abs(matrices @ matrices.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
-    off = np.maximum(off, np.abs(np.linalg.det(matrices) - 1.0))
-    if off.max() > 1e-6:
-        raise InputError(f"trajectory rotation {int(off.argmax())} is not a rotation matrix")
-    return matrices
+    return checks.rotations(values, "trajectory rotation", n)

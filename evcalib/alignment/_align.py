@@ -93,6 +93,7 @@ def align(
     >>> found.offset_observable, round(found.offset, 2)
     (True, 0.2)
     """
+    checks.instance(headings, "headings", HeadingSeries)
     given = None if offset is None else float(offset)
     settings = {
         "max_offset": max_offset,

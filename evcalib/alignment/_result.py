@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Any, Self
+
+import numpy as np
 
 from evcalib.alignment._answers import OffsetAnswer, RotationAnswer
 from evcalib.alignment.offset import OffsetCurve
 from evcalib.alignment.registration import Residuals
 from evcalib.alignment.verdict import Diagnostics, Verdict, judge
 from evcalib.arrays import Floats
+from evcalib.display import Rows, Shown
+from evcalib.geometry import LOOKS_FORWARD, matrix_to_rpy
 from evcalib.uncertainty import rotation_sd
 
 
 @dataclass(frozen=True, eq=False)
-class Calibration:
+class Calibration(Shown):
     """Offset and rotation between camera and body, with uncertainty and verdict.
 
     Attributes
@@ -101,3 +105,34 @@ class Calibration:
             verdict=judge(diagnostics, offset, rotation) if verdict is None else verdict,
             **more,
         )
+
+    _most_lines = 2
+
+    def _shown_rows(self) -> Rows:
+        """Return the answer and how sure it is, then what a subclass adds."""
+        low, high = self.offset_interval
+        interval = f"from {low:+.4f} to {high:+.4f} s"
+        if self.offset_observable:
+            exact = f" +- {self.offset_sd:.4f} s (sd), 95 % {interval}"
+        else:
+            exact = f", not determined: plausible {interval}" if np.isfinite(low) else ""
+        sure = f", error below {np.degrees(self.rotation_radius):.2f} deg (95 %)"
+        if not self.rotation_observable:
+            sure = ", not determined" if np.isfinite(self.rotation_radius) else ""
+        used = len(self.residuals.t)
+        rows = [
+            ("time offset", f"{self.offset:+.4f} s{exact}"),
+            ("R_body_cam", f"{_rpy(self.R_body_cam)}{sure}"),
+            ("mounting", f"{_rpy(self.R_body_cam @ LOOKS_FORWARD.T)} from straight ahead"),
+            ("headings", f"{used:,} used, {100 * self.inlier_share:.0f} % agree"),
+            ("verdict", self.verdict.summary),
+        ]
+        if self.verdict.doubts:
+            rows.append(("doubts", " ".join(self.verdict.doubts)))
+        told = {"without", *(f.name for f in fields(Calibration))}
+        return rows + [row for row in super()._shown_rows() if row[0] not in told]
+
+
+def _rpy(R: Floats) -> str:
+    roll, pitch, yaw = np.degrees(matrix_to_rpy(R))
+    return f"roll {roll:+.2f}, pitch {pitch:+.2f}, yaw {yaw:+.2f} deg"

@@ -15,6 +15,7 @@ import numpy as np
 from evcalib import checks
 from evcalib.alignment._stream_pair import MIN_OVERLAP, StreamPair
 from evcalib.arrays import Floats, Integers
+from evcalib.display import Shown
 from evcalib.errors import InputError
 from evcalib.kernels.alignment import offset as kernel
 from evcalib.kinematics.velocity_track import VelocityTrack
@@ -37,7 +38,7 @@ the square of any direction that is measured (`DIRECTION_FLOOR`)."""
 
 
 @dataclass(frozen=True, eq=False)
-class OffsetCurve:
+class OffsetCurve(Shown):
     """Score over candidate offsets, and its peak.
 
     Attributes
@@ -127,6 +128,8 @@ def find_offset(
     >>> round(curve.offset, 2), curve.at_edge
     (0.2, False)
     """
+    checks.instance(headings, "headings", HeadingSeries)
+    checks.instance(track, "track", VelocityTrack)
     checks.one_of(method, "offset_method", METHODS[:-1])
     offsets = candidate_offsets(max_offset, step)
     pair = StreamPair.of(headings, track)

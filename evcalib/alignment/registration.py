@@ -16,6 +16,7 @@ from evcalib.alignment.rotation import (
     tukey_scale,
 )
 from evcalib.arrays import Floats
+from evcalib.display import Shown
 from evcalib.geometry import rotation_angle
 from evcalib.kernels.alignment.rotation import best_rotation
 from evcalib.kinematics.velocity_track import VelocityTrack
@@ -45,7 +46,7 @@ smooth motion and the 2 of instant turns (their mean square goes with one over t
 
 
 @dataclass(frozen=True, eq=False)
-class Residuals:
+class Residuals(Shown):
     """Headings against body directions after the calibration.
 
     Attributes

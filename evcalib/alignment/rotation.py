@@ -10,6 +10,7 @@ import numpy as np
 from evcalib import checks
 from evcalib.alignment._stream_pair import MIN_SIGMA
 from evcalib.arrays import Floats
+from evcalib.display import Shown
 from evcalib.errors import InputError
 from evcalib.kernels.alignment import mixture as kernel
 
@@ -21,7 +22,7 @@ TUKEY = 5.12
 
 
 @dataclass(frozen=True)
-class RotationEstimate:
+class RotationEstimate(Shown):
     """A rotation and how it was reached.
 
     Attributes

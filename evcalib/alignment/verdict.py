@@ -10,6 +10,7 @@ from evcalib.alignment._answers import OffsetAnswer, RotationAnswer
 from evcalib.alignment.observability import FOLLOW_GATE, RATE_GATE, DirectionSpread, axis_name
 from evcalib.alignment.rotation import Mixture
 from evcalib.arrays import Floats
+from evcalib.display import Shown
 from evcalib.uncertainty import NoiseModel
 
 TURN_MORE = (
@@ -40,7 +41,7 @@ SPREAD_MORE = (
 
 
 @dataclass(frozen=True, eq=False)
-class Diagnostics:
+class Diagnostics(Shown):
     """What the verdict rests on.
 
     Attributes

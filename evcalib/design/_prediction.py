@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from evcalib import checks
 from evcalib.alignment.verdict import SEARCH_LESS, SPREAD_MORE, TURN_MORE
 from evcalib.arrays import Floats
+from evcalib.display import Shown
 from evcalib.errors import InputError
 from evcalib.joint import SYSTEMATIC
 from evcalib.series import VelocitySeries
@@ -69,7 +70,7 @@ class Viewing:
 
 
 @dataclass(frozen=True, eq=False)
-class Prediction:
+class Prediction(Shown):
     """The best precision that a drive allows.
 
     Attributes
@@ -182,7 +183,7 @@ def predict(
     known to half a turn beforehand, the offset to the width of the search.  The camera keeps its
     heading; yaw rates are not looked at.
     """
-    checks.of_type(velocities, "velocities", VelocitySeries)
+    checks.instance(velocities, "velocities", VelocitySeries)
     checks.positive(max_offset, "max_offset", "seconds")
     information = _information(velocities, viewing.step_sd, speed)
     information += np.diag([np.pi**-2] * 3 + [max_offset**-2])

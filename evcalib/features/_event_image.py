@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evcalib.arrays import Floats
+from evcalib.display import Shown
 from evcalib.events import Events
 from evcalib.kernels.events import EventColumns
 from evcalib.kernels.features import event_image as kernels
@@ -42,7 +43,7 @@ RADIUS, STEPS, FARTHEST, LEAST = 7, 10, 2.5, 0.6
 
 
 @dataclass(frozen=True, eq=False)
-class EventImage:
+class EventImage(Shown):
     """Signed events of a short time, smoothed.
 
     Attributes

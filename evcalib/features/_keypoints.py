@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evcalib.arrays import Flags, Floats, Integers
+from evcalib.display import Shown
 from evcalib.errors import InputError
 from evcalib.events import Events
 from evcalib.kernels.events import EventColumns
@@ -16,7 +17,7 @@ from evcalib.kernels.features import keypoints as kernels
 
 
 @dataclass(frozen=True, eq=False)
-class Keypoints:
+class Keypoints(Shown):
     """Corners at one time, with their descriptors, and how many were left out and why.
 
     Attributes

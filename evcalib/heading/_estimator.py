@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 from evcalib.camera import Camera
+from evcalib.checks import instance
 from evcalib.errors import InputError
 from evcalib.events import Events
 from evcalib.heading._keyframes import REACH, Keyframe, KeyframeMaker
@@ -35,6 +36,7 @@ class HeadingEstimator:
 
     @takes_options
     def __init__(self, camera: Camera, **options: Any) -> None:
+        instance(camera, "camera", Camera)
         chosen = HeadingOptions(**options)
         self._maker = KeyframeMaker(camera, chosen)
         self._aligned = LOCALISATIONS[chosen.localisation] is not None

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from evcalib.arrays import Floats
+from evcalib.display import Shown
 from evcalib.heading._correspondences import CorrespondenceKeeper, Correspondences
 from evcalib.heading._keyframes import Counts
 from evcalib.heading._snapshot import EventRate, Snapshot
@@ -31,7 +32,7 @@ class Gap:
 
 
 @dataclass(frozen=True, eq=False)
-class HeadingEstimate:
+class HeadingEstimate(Shown):
     """Headings of a recording and what became of the rest.
 
     Attributes

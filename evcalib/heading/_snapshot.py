@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evcalib.arrays import Flags, Floats, Integers
+from evcalib.display import Shown
 from evcalib.events import Events
 from evcalib.heading._keyframes import Keyframe
 from evcalib.heading._matches import KeyframeMatches
@@ -27,7 +28,7 @@ MIDDLE = 1.0 / 6.0
 
 
 @dataclass(frozen=True, eq=False)
-class EventRate:
+class EventRate(Shown):
     """Events per bin of time.
 
     Attributes
@@ -46,7 +47,7 @@ class EventRate:
 
 
 @dataclass(frozen=True, eq=False)
-class Snapshot:
+class Snapshot(Shown):
     """Two keyframes and their matches, from near the middle of a recording.
 
     Attributes

@@ -9,11 +9,12 @@ from numpy.typing import ArrayLike
 
 from evcalib import checks
 from evcalib.arrays import Flags, Floats, Integers
+from evcalib.display import Shown
 from evcalib.errors import InputError
 
 
 @dataclass(frozen=True, eq=False)
-class Translation:
+class Translation(Shown):
     """Direction in which the camera moved between two sets of bearings.
 
     Attributes

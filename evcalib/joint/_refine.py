@@ -11,7 +11,7 @@ import numpy as np
 
 from evcalib.alignment.offset import candidate_offsets
 from evcalib.arrays import Floats
-from evcalib.checks import of_type, positive
+from evcalib.checks import instance, positive
 from evcalib.joint import _model_checks as checks
 from evcalib.joint._offset_search import FEWEST, GATE, Search, curve_of, search_offsets
 from evcalib.joint._result import SYSTEMATIC, JointRefinement, Systematic
@@ -106,9 +106,9 @@ def refine_jointly(
     The paper has no such stage.  Variable projection: Golub & Pereyra 1973; the covariance is that
     of Newey & West 1987.
     """
-    of_type(tracks, "tracks", Tracks)
-    of_type(velocities, "velocities", VelocitySeries)
-    of_type(track, "track", VelocityTrack)
+    instance(tracks, "tracks", Tracks)
+    instance(velocities, "velocities", VelocitySeries)
+    instance(track, "track", VelocityTrack)
     positive(focal, "focal", "pixels per radian")
     tracks = tracks.thinned(MOST)
     if len(tracks) < FEWEST:

@@ -9,6 +9,7 @@ import numpy as np
 from evcalib._moved import renamed_fields
 from evcalib.alignment.offset import OffsetCurve
 from evcalib.arrays import Floats
+from evcalib.display import Shown
 from evcalib.joint._model_checks import ModelError
 
 
@@ -41,7 +42,7 @@ SYSTEMATIC = Systematic()
 
 
 @dataclass(frozen=True, eq=False)
-class JointRefinement:
+class JointRefinement(Shown):
     """Rotation and offset from all tracks.
 
     Attributes

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from evcalib.arrays import Flags, Floats, Integers
+from evcalib.display import Shown
 from evcalib.heading import Correspondences
 from evcalib.series import bins
 
@@ -20,7 +21,7 @@ corners."""
 
 
 @dataclass(frozen=True, eq=False)
-class Tracks:
+class Tracks(Shown):
     """Corners at a first time and at later ones.
 
     Attributes

@@ -6,11 +6,12 @@ from dataclasses import dataclass
 
 from evcalib import checks
 from evcalib.arrays import Floats
+from evcalib.display import Shown
 from evcalib.errors import InputError
 
 
 @dataclass(frozen=True, eq=False)
-class WheelStates:
+class WheelStates(Shown):
     """Speeds and steering angles of k wheels, in the order of the vehicle's wheels.
 
     Attributes
@@ -40,7 +41,7 @@ class WheelStates:
 
 
 @dataclass(frozen=True, eq=False)
-class WheelLog:
+class WheelLog(Shown):
     """Wheel states over time.
 
     Attributes
@@ -64,7 +65,7 @@ class WheelLog:
 
 
 @dataclass(frozen=True, eq=False)
-class BodyTwist:
+class BodyTwist(Shown):
     """Motion of the body in the plane, seen from the origin of the body frame.
 
     Attributes

@@ -8,6 +8,7 @@ import numpy as np
 
 from evcalib import checks
 from evcalib.arrays import Flags, Floats
+from evcalib.display import Shown
 from evcalib.errors import InputError
 from evcalib.kinematics._states import WheelLog
 from evcalib.kinematics._vehicles import Mecanum, Omni, Swerve, Vehicle
@@ -15,7 +16,7 @@ from evcalib.series import VelocitySeries
 
 
 @dataclass(frozen=True, eq=False)
-class BodyVelocities:
+class BodyVelocities(Shown):
     """Body velocities from wheels, and what was left out.
 
     Attributes
@@ -106,8 +107,8 @@ def body_velocities(
         If an input is of another type, the log does not fit the vehicle, a limit is not positive,
         or no row is left.
     """
-    checks.of_type(wheel_log, "wheel_log", WheelLog)
-    checks.of_type(vehicle, "vehicle", Swerve, Mecanum, Omni)
+    checks.instance(wheel_log, "wheel_log", WheelLog)
+    checks.instance(vehicle, "vehicle", Swerve, Mecanum, Omni)
     twist = vehicle.twist(wheel_log.states)
     v = np.column_stack([twist.v, np.zeros(len(twist.v))])
     whole = BodyVelocities(

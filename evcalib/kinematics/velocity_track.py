@@ -125,6 +125,7 @@ def velocity_track(
     InputError
         If there are too few samples, or the vehicle never moves.
     """
+    checks.instance(velocities, "velocities", VelocitySeries)
     t, v = velocities.t, velocities.v
     if t.size < 2:
         raise InputError(f"velocities: at least 2 rows are needed, not {t.size}")

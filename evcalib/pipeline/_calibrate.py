@@ -104,10 +104,10 @@ def calibrate(
     offset.  A wrong wheel radius does nothing.
     """
     checks.one_of(refinement, "refinement", REFINEMENTS)
-    checks.of_type(camera, "camera", Camera)
-    checks.of_type(velocities, "velocities", VelocitySeries, BodyVelocities)
+    checks.instance(camera, "camera", Camera)
+    checks.instance(velocities, "velocities", VelocitySeries, BodyVelocities)
     if isinstance(events, str | np.ndarray) or not isinstance(events, Iterable):
-        checks.of_type(events, "events", Events)
+        checks.instance(events, "events", Events)
     lever = checks.floats((0.0, 0.0, 0.0) if camera_position is None else camera_position,
                           "camera_position", (3,))  # fmt: skip
     body = velocities.velocities if isinstance(velocities, BodyVelocities) else velocities

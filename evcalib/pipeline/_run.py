@@ -10,6 +10,7 @@ from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 from evcalib.arrays import Floats
+from evcalib.display import Shown
 from evcalib.heading import HeadingEstimate
 from evcalib.kinematics import BodyVelocities
 from evcalib.pipeline._assessment import RefinedCalibration
@@ -68,7 +69,7 @@ class InputFile:
 
 
 @dataclass(frozen=True, eq=False)
-class Truth:
+class Truth(Shown):
     """What a simulation knows.
 
     Attributes
@@ -84,7 +85,7 @@ class Truth:
 
 
 @dataclass(frozen=True, eq=False)
-class CalibrationRun:
+class CalibrationRun(Shown):
     """One run from a recording and a wheel log to a calibration.
 
     Attributes

@@ -4,7 +4,26 @@ Plotting functions draw into axes that the caller made, label them with their un
 nothing.
 """
 
-from evcalib.plots import style
-from evcalib.plots.kinematics import draw_motion, draw_velocity_log, explain_motion
+from evcalib._lazy import lazy
 
-__all__ = ["draw_motion", "draw_velocity_log", "explain_motion", "style"]
+_HOMES = dict.fromkeys(("draw_motion", "draw_velocity_log", "explain_motion"), "kinematics")
+
+__all__ = [
+    "alignment",
+    "design",
+    "draw_motion",
+    "draw_velocity_log",
+    "events",
+    "explain_motion",
+    "full",
+    "heading",
+    "kinematics",
+    "offset",
+    "recording",
+    "rivals",
+    "rotation",
+    "studies",
+    "style",
+]
+
+__getattr__, __dir__ = lazy(__name__, _HOMES, __all__)

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from mpl_toolkits.mplot3d import Axes3D
 
+from evcalib import checks
 from evcalib.alignment import Calibration
 from evcalib.alignment.offset import OffsetCurve
 from evcalib.arrays import Floats
@@ -20,7 +21,10 @@ from evcalib.plots._globe import draw_globe
 from evcalib.series import HeadingSeries, VelocitySeries
 
 SLOW = 0.1
-"""Below this share of the median speed a direction of travel is not drawn."""
+"""Below this share of the median speed a direction of travel is not drawn.
+
+That of `velocity_track`, which gives none there, but of the median: a choice for the eye alone.
+"""
 
 _NAMES = {
     "profile": "robust score",
@@ -210,6 +214,7 @@ def draw_residual_map(ax: Axes, calibration: Calibration) -> None:
 
 def alignment_figures(calibration: Calibration, *, true: float | None = None) -> dict[str, Figure]:
     """Return the figures of an alignment by file name, without its ending."""
+    checks.instance(calibration, "calibration", Calibration)
     with style.context():
         figures = {name: style.new_figure(size) for name, size in _SIZES.items()}
         if calibration.curve is None:

@@ -13,7 +13,10 @@ from evcalib.geometry import angle_between
 from evcalib.plots import style
 
 GATE = 3.0
-"""Residuals within this many standard deviations count as inliers, as in `plots.alignment`."""
+"""Residuals within this many standard deviations count as inliers, as in `plots.alignment`.
+
+A choice for colours alone: of two normal errors per heading 1.1 % are larger.
+"""
 
 LOOKS = {
     "tukey": (style.INLIER, "o-"),

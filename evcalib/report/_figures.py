@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from matplotlib.figure import Figure
 
+from evcalib import checks
 from evcalib.heading import Snapshot
 from evcalib.pipeline import CalibrationRun
 from evcalib.plots import style
@@ -32,6 +33,7 @@ def report_figures(run: CalibrationRun) -> dict[str, Figure]:
     dict of str to Figure
         Name to figure.
     """
+    checks.instance(run, "run", CalibrationRun)
     estimate = run.estimate
     true = None if run.truth is None else run.truth.offset
     with style.context():

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import html
 from collections.abc import Iterable, Sequence
-from unicodedata import category
+
+from evcalib.display import visible
 
 VOID = ("img", "meta", "br")
 
@@ -17,13 +18,7 @@ def escape(text: object) -> Html:
     """Return any text as HTML that shows it, with a mark for what no page can hold."""
     if isinstance(text, Html):
         return text
-    shown = "".join("\ufffd" if _unseen(c) else c for c in str(text))
-    return Html(html.escape(shown))
-
-
-def _unseen(character: str) -> bool:
-    """Whether a character is a control, half of a pair, or turns the direction of writing."""
-    return character not in "\n\t" and category(character) in ("Cc", "Cf", "Cs")
+    return Html(html.escape(visible(str(text))))
 
 
 def join(parts: Iterable[object]) -> Html:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from evcalib import checks
 from evcalib.pipeline import CalibrationRun
 from evcalib.plots import style
 from evcalib.report import _text as text
@@ -81,6 +82,7 @@ def report_html(run: CalibrationRun) -> str:
     str
         HTML that needs no script and no network, adapts to light and dark and prints.
     """
+    checks.instance(run, "run", CalibrationRun)
     name = ", ".join(file.name for file in run.files.values())
     css = files("evcalib").joinpath("report.css").read_text(encoding="utf-8")
     return page(

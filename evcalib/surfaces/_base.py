@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -88,10 +91,12 @@ class Surface:
         raise NotImplementedError
 
 
-def render_once(surface: Surface, events: Events, t_us: int | None) -> NDArray:
+def render_once(
+    kind: Callable[..., Surface], events: Events, t_us: int | None, **options: Any
+) -> NDArray:
     """Return the image of the events up to and including `t_us`, by default all."""
-    if not isinstance(events, Events):
-        raise InputError(f"events must be Events, not {type(events).__name__}")
+    checks.instance(events, "events", Events)
+    surface = kind(events.width, events.height, **options)
     if t_us is None and not len(events):
         raise InputError("there are no events, hence no time to render at: give t_us")
     surface.update(events if t_us is None else events.between(0, whole_us(t_us) + 1))
@@ -120,8 +125,7 @@ def odd_side(value: int, name: str) -> int:
 
 
 def _of_sensor(events: Events, width: int, height: int) -> None:
-    if not isinstance(events, Events):
-        raise InputError(f"events must be Events, not {type(events).__name__}")
+    checks.instance(events, "events", Events)
     if events.shape != (height, width):
         raise InputError(
             f"events of {events.width}x{events.height} pixels do not fit a surface of"

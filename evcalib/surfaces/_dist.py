@@ -107,5 +107,4 @@ def dist(
         Ranks in [0, 1); the latest is highest.
     """
     options = {"alpha": alpha, "patch": patch, "clip": clip}
-    surface = Dist(events.width, events.height, **options, polarity=polarity)  # type: ignore[arg-type]
-    return render_once(surface, events, t_us)
+    return render_once(Dist, events, t_us, **options, polarity=polarity)

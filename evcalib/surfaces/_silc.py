@@ -59,4 +59,4 @@ def silc(
     (height, width) or (2, height, width) uint8 or uint16
         (2 r + 1)^2 where the last event happened; 0 where nothing is remembered.
     """
-    return render_once(Silc(events.width, events.height, r=r, polarity=polarity), events, t_us)
+    return render_once(Silc, events, t_us, r=r, polarity=polarity)

@@ -80,5 +80,4 @@ def time_surface(
     >>> time_surface(events, tau=0.03).round(3)
     array([[0.368, 1.   ]])
     """
-    surface = TimeSurface(events.width, events.height, tau=tau, polarity=polarity)
-    return render_once(surface, events, t_us)
+    return render_once(TimeSurface, events, t_us, tau=tau, polarity=polarity)

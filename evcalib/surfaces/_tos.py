@@ -103,5 +103,4 @@ def tos(
     >>> tos(events, k=3)[1]
     array([  0, 254, 255,   0], dtype=uint8)
     """
-    surface = Tos(events.width, events.height, k=k, threshold=threshold, polarity=polarity)
-    return render_once(surface, events, t_us)
+    return render_once(Tos, events, t_us, k=k, threshold=threshold, polarity=polarity)

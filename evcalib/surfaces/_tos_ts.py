@@ -95,16 +95,16 @@ def tos_ts(
     (height, width) or (2, height, width) uint8
         The TOS where the time surface is above its threshold, else 0.
     """
-    surface = TosTs(
-        events.width,
-        events.height,
+    return render_once(
+        TosTs,
+        events,
+        t_us,
         k=k,
         threshold=threshold,
         tau=tau,
         ts_threshold=ts_threshold,
         polarity=polarity,
     )
-    return render_once(surface, events, t_us)
 
 
 def _oldest(tau_us: float, threshold: float) -> int:

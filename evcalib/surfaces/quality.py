@@ -152,6 +152,7 @@ def surface_images(
         Of the surface; polarities are merged by default.
     """
     kind = SURFACES[checks.one_of(name, "name", tuple(SURFACES))]
+    checks.instance(events, "events", Events)
     surface = kind(events.width, events.height, **{"polarity": "merged", **options})  # type: ignore[arg-type]
     images, taken = [], 0
     for t in t_us:

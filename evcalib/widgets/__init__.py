@@ -4,6 +4,28 @@ A panel is an ipywidgets container over the same functions that a static figure 
 runs and is tested without a browser.
 """
 
-from evcalib.widgets.kinematics import SwervePanel
+from evcalib._lazy import lazy
 
-__all__ = ["SwervePanel"]
+_HOMES = {
+    "Cockpit": "cockpit",
+    "DriveDesigner": "designer",
+    "HeadingPanel": "heading",
+    "OffsetPanel": "offset",
+    "RivalPanel": "rivals",
+    "RotationPanel": "rotation",
+    "SurfacePanel": "surfaces",
+    "SwervePanel": "kinematics",
+}
+
+__all__ = [
+    "Cockpit",
+    "DriveDesigner",
+    "HeadingPanel",
+    "OffsetPanel",
+    "RivalPanel",
+    "RotationPanel",
+    "SurfacePanel",
+    "SwervePanel",
+]
+
+__getattr__, __dir__ = lazy(__name__, _HOMES, _HOMES.values())

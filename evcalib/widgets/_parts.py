@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from threading import RLock
 from typing import Any
@@ -16,6 +16,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from evcalib import checks
+from evcalib.errors import InputError
 from evcalib.plots import style
 
 DPI = 90
@@ -52,6 +54,16 @@ def whole_slider(name: str, low: int, high: int, step: int, value: int) -> widge
         description=name,
         **_roomy(),
     )
+
+
+def choices(given: Any, name: str, kind: type = Mapping) -> list[str]:
+    """Return the names that a panel lets choose from, or raise an InputError if there are none."""
+    what = f"names to {name}s: {{'one': ...}}" if kind is Mapping else f"names of {name}s: ['one']"
+    checks.instance(given, f"{name}s", kind, how=what)
+    names = list(given)
+    if not names:
+        raise InputError(f"at least one {name} is needed")
+    return names
 
 
 def _roomy() -> dict[str, Any]:

@@ -9,16 +9,17 @@ from typing import Protocol
 import ipywidgets as widgets
 import numpy as np
 
+from evcalib import checks
+from evcalib._moved import renamed
 from evcalib.alignment import Calibration, StreamPair
 from evcalib.alignment import offset as search
 from evcalib.arrays import Floats
-from evcalib.errors import InputError
 from evcalib.geometry import (
     LOOKS_FORWARD,
     angle_between,
-    matrix_to_quaternion,
     matrix_to_rpy,
     rotation_angle,
+    rotation_vector,
     rotation_vector_to_matrix,
     rpy_to_matrix,
 )
@@ -27,7 +28,7 @@ from evcalib.plots import style
 from evcalib.plots.full import cockpit_axes, draw_cockpit
 from evcalib.plots.offset import paired
 from evcalib.series import HeadingSeries, VelocitySeries
-from evcalib.widgets._parts import Panel, bare_figure, encode, pixels, slider, wipe
+from evcalib.widgets._parts import Panel, bare_figure, choices, encode, pixels, slider, wipe
 
 MAX_OFFSET = 1.0
 """Range of the offset [s]."""
@@ -35,6 +36,9 @@ STEPS = 20
 """Pictures between the place of the hand and the solution."""
 TRAIL = 300
 """So many places that were tried stay in the picture."""
+
+
+MADE_WITH = "SolvedStreams(headings, velocities, calibration)"
 
 
 class Answer(Protocol):
@@ -48,7 +52,7 @@ class Answer(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Recording:
+class SolvedStreams:
     """Two streams of one recording with what the library makes of them.
 
     Attributes
@@ -95,20 +99,21 @@ class Cockpit(Panel):
 
     Parameters
     ----------
-    recordings : mapping of str to Recording
+    recordings : mapping of str to SolvedStreams
         What to choose from.
     max_offset : float
         Range of the offset [s].
     """
 
     def __init__(
-        self, recordings: Mapping[str, Recording], *, max_offset: float = MAX_OFFSET
+        self, recordings: Mapping[str, SolvedStreams], *, max_offset: float = MAX_OFFSET
     ) -> None:
-        if not recordings:
-            raise InputError("at least one recording is needed")
+        names = choices(recordings, "recording")
+        for name, recording in recordings.items():
+            checks.instance(recording, f"recording {name!r}", SolvedStreams, how=MADE_WITH)
         super().__init__()
         self._recordings, self._max_offset = dict(recordings), max_offset
-        self.recording = widgets.Dropdown(options=list(recordings), description="recording")
+        self.recording = widgets.Dropdown(options=names, description="recording")
         self.offset = slider("offset [s]", -max_offset, max_offset, 0.005, 0.0, ".3f")
         self.roll = slider("roll [deg]", -180.0, 180.0, 0.5, 0.0, ".1f")
         self.pitch = slider("pitch [deg]", -90.0, 90.0, 0.5, 0.0, ".1f")
@@ -190,7 +195,7 @@ class Cockpit(Panel):
         solution = self._solution()
         place = self.hand + share * (solution - self.hand)
         start, end = _mounted(self.hand), _mounted(solution)
-        turned = start @ rotation_vector_to_matrix(share * _vector(start.T @ end))
+        turned = start @ rotation_vector_to_matrix(share * rotation_vector(start.T @ end))
         place[1:] = np.degrees(matrix_to_rpy(turned @ LOOKS_FORWARD.T))
         with self._at_once():
             self._move(solution if share >= 1.0 else place)
@@ -271,13 +276,9 @@ def _placed(answer: Answer) -> Floats:
     return np.array([answer.offset, *angles])
 
 
-def _vector(R: Floats) -> Floats:
-    """Return the rotation vector [rad] of a rotation."""
-    w, *axis = matrix_to_quaternion(R)
-    length = np.linalg.norm(axis)
-    return np.array(axis) * (2 * np.arctan2(length, w) / max(float(length), 1e-300))
-
-
 def _row(kind: str, *cells: str) -> str:
     look = "style='padding:1px 12px; text-align:right'"
     return "<tr>" + "".join(f"<{kind} {look}>{cell}</{kind}>" for cell in cells) + "</tr>"
+
+
+__getattr__ = renamed(__name__)

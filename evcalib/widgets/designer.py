@@ -22,6 +22,7 @@ from evcalib.widgets._parts import (
     Picture,
     bare_figure,
     bgr,
+    choices,
     encode,
     pixels,
     player,
@@ -72,8 +73,7 @@ class DriveDesigner(Panel):
         self, motions: Mapping[str, Callable[..., Course]], viewing: Viewing = VIEWING
     ) -> None:
         super().__init__()
-        if not motions:
-            raise InputError("at least one motion is needed")
+        choices(motions, "motion")
         self._motions = dict(motions)
         self.motion = widgets.ToggleButtons(
             options=[*self._motions, OWN], style={"button_width": "105px"}

@@ -9,9 +9,9 @@ import ipywidgets as widgets
 import numpy as np
 from numpy.typing import NDArray
 
+from evcalib._moved import renamed
 from evcalib.arrays import Floats
 from evcalib.camera import Camera
-from evcalib.errors import InputError
 from evcalib.events import Events
 from evcalib.features import Keypoints
 from evcalib.geometry import angle_between
@@ -21,7 +21,16 @@ from evcalib.heading.two_views import keypoints_at, matched
 from evcalib.plots import style
 from evcalib.plots.heading import draw_backdrop, draw_heading, draw_offsets
 from evcalib.surfaces.quality import surface_images
-from evcalib.widgets._parts import Panel, bare_figure, encode, pixels, player, whole_slider, wipe
+from evcalib.widgets._parts import (
+    Panel,
+    bare_figure,
+    choices,
+    encode,
+    pixels,
+    player,
+    whole_slider,
+    wipe,
+)
 
 STEP_MS = 25
 """Time between keyframes."""
@@ -34,7 +43,7 @@ REACH_PX = 60.0
 SOLVERS = {"two points": two_point, "five points": five_point}
 
 
-class Recording(Protocol):
+class KnownMotion(Protocol):
     """A straight motion with known heading (as of `data_tools.course.samples`)."""
 
     @property
@@ -52,20 +61,17 @@ class HeadingPanel(Panel):
 
     Parameters
     ----------
-    recordings : mapping of str to Recording
+    recordings : mapping of str to KnownMotion
         Recordings to choose from.
     """
 
-    def __init__(self, recordings: Mapping[str, Recording]) -> None:
+    def __init__(self, recordings: Mapping[str, KnownMotion]) -> None:
         super().__init__()
-        if not recordings:
-            raise InputError("at least one recording is needed")
+        names = choices(recordings, "recording")
         self.recordings = dict(recordings)
         self._keypoints: dict[str, list[Keypoints]] = {}
         look = {"button_width": "105px", "description_width": "95px"}
-        self.recording = widgets.ToggleButtons(
-            options=list(recordings), description="motion", style=look
-        )
+        self.recording = widgets.ToggleButtons(options=names, description="motion", style=look)
         self.solver = widgets.ToggleButtons(options=list(SOLVERS), description="solver", style=look)
         ends = [int(1e-3 * r.events.t[-1]) // STEP_MS for r in self.recordings.values()]
         last = STEP_MS * (min(ends) - 1)
@@ -159,3 +165,6 @@ class HeadingPanel(Panel):
         found = self.solve(pairs)
         self.picture.value = self.draw(pairs, found)
         self.numbers.value = self.report(pairs, found)
+
+
+__getattr__ = renamed(__name__)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Protocol
 
 import ipywidgets as widgets
@@ -12,12 +12,11 @@ import numpy as np
 from evcalib.alignment import Calibration, align
 from evcalib.alignment.offset import OffsetCurve, find_offset
 from evcalib.alignment.offset_refinement import inliers_at
-from evcalib.errors import InputError
 from evcalib.kinematics.velocity_track import velocity_track
 from evcalib.plots import style
 from evcalib.plots.offset import draw_search
 from evcalib.series import HeadingSeries, VelocitySeries
-from evcalib.widgets._parts import Panel, bare_figure, encode, pixels, slider, wipe
+from evcalib.widgets._parts import Panel, bare_figure, choices, encode, pixels, slider, wipe
 
 MAX_OFFSET = 1.0
 """Range of the slider and of the search [s]."""
@@ -52,11 +51,10 @@ class OffsetPanel(Panel):
     """
 
     def __init__(self, drive: Callable[[str, float], Streams], kinds: Sequence[str]) -> None:
-        if not kinds:
-            raise InputError("at least one motion is needed")
+        names = choices(kinds, "motion", Iterable)
         super().__init__()
         self._make = drive
-        self.motion = widgets.Dropdown(options=list(kinds), description="motion")
+        self.motion = widgets.Dropdown(options=names, description="motion")
         self.noise = slider("noise [rad]", 0.0, MAX_NOISE, 0.05, 0.05, ".2f")
         self.noise.continuous_update = False
         self.offset = slider("offset [s]", -MAX_OFFSET, MAX_OFFSET, 0.01, 0.0, ".2f")

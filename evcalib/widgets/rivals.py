@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Protocol
 
 import ipywidgets as widgets
@@ -12,13 +12,14 @@ import numpy as np
 from evcalib.alignment import Calibration
 from evcalib.arrays import Floats
 from evcalib.baselines import METHODS, RivalInput, calibrate_with
-from evcalib.errors import EvcalibError, InputError
+from evcalib.errors import EvcalibError
 from evcalib.geometry import rotation_angle
 from evcalib.plots import style
 from evcalib.plots.rivals import draw_rivals
 from evcalib.widgets._parts import (
     Panel,
     bare_figure,
+    choices,
     encode,
     pixels,
     slider,
@@ -69,13 +70,12 @@ class RivalPanel(Panel):
         kinds: Sequence[str],
         methods: Sequence[str] = tuple(METHODS),
     ) -> None:
-        if not kinds or not methods:
-            raise InputError("at least one motion and one method are needed")
+        kinds, methods = choices(kinds, "motion", Iterable), choices(methods, "method", Iterable)
         super().__init__()
         self._make = make
         self._methods = tuple(methods)
-        self.motion = widgets.Dropdown(options=list(kinds), description="motion")
-        self.method = widgets.Dropdown(options=list(methods), description="method")
+        self.motion = widgets.Dropdown(options=kinds, description="motion")
+        self.method = widgets.Dropdown(options=methods, description="method")
         self.noise = slider("noise [rad]", MIN_NOISE, MAX_NOISE, 0.02, 0.1, ".2f")
         self.drift = whole_slider("drift [%]", 0, MAX_DRIFT, 2, 2)
         self.noise.continuous_update = self.drift.continuous_update = False

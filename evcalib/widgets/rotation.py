@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Protocol
 
 import ipywidgets as widgets
@@ -10,11 +10,10 @@ import numpy as np
 
 from evcalib.alignment.rotation import METHODS, RotationEstimate, estimate_rotation
 from evcalib.arrays import Floats
-from evcalib.errors import InputError
 from evcalib.geometry import rotation_angle
 from evcalib.plots import style
 from evcalib.plots.rotation import draw_losses
-from evcalib.widgets._parts import Panel, bare_figure, encode, pixels, whole_slider, wipe
+from evcalib.widgets._parts import Panel, bare_figure, choices, encode, pixels, whole_slider, wipe
 
 MAX_SHARE = 90
 """Range of the outlier slider [%]."""
@@ -45,13 +44,12 @@ class RotationPanel(Panel):
     """
 
     def __init__(self, pairs: Callable[[str, float], Pairs], kinds: Sequence[str]) -> None:
-        if not kinds:
-            raise InputError("at least one kind of outliers is needed")
+        names = choices(kinds, "kind", Iterable)
         super().__init__()
         self._make = pairs
         self.share = whole_slider("outliers [%]", 0, MAX_SHARE, 5, 30)
         self.share.continuous_update = False
-        self.kind = widgets.Dropdown(options=list(kinds), description="kind")
+        self.kind = widgets.Dropdown(options=names, description="kind")
         self.loss = widgets.Dropdown(options=list(METHODS), value="kabsch", description="loss")
         self.picture, self.numbers = widgets.Image(format="png"), widgets.HTML()
         self._figure = bare_figure((9.4, 3.3), bottom=0.145, top=0.9, right=0.985)

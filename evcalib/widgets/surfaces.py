@@ -11,13 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from evcalib import checks
+from evcalib._moved import renamed
 from evcalib.errors import InputError
 from evcalib.events import Events
 from evcalib.features.corners import arc_star
 from evcalib.plots import style
 from evcalib.plots.events import NAMES
 from evcalib.surfaces.quality import grey, likeness, surface_images
-from evcalib.widgets._parts import Panel, bgr, encode, player, slider, whole_slider
+from evcalib.widgets._parts import Panel, bgr, choices, encode, player, slider, whole_slider
 
 ROOM = 330
 """Width of a surface on the screen [px], if whole enlargements allow."""
@@ -27,7 +28,7 @@ CAPTION = 20
 """Height of the line above each picture [px]."""
 
 
-class Recording(Protocol):
+class EventsAndFrames(Protocol):
     """Events, and pictures of the same path (as of `data_tools.course.samples`)."""
 
     @property
@@ -70,15 +71,14 @@ class SurfacePanel(Panel):
 
     Parameters
     ----------
-    recordings : mapping of str to Recording
+    recordings : mapping of str to EventsAndFrames
         The same path at several speeds, by the name of the speed, the slowest first.  Pictures
         are those of the first one that has any, evenly spread over the path without its ends.
     """
 
-    def __init__(self, recordings: Mapping[str, Recording]) -> None:
+    def __init__(self, recordings: Mapping[str, EventsAndFrames]) -> None:
         super().__init__()
-        if not recordings:
-            raise InputError("at least one recording is needed")
+        names = choices(recordings, "recording")
         self.streams = {name: recording.events for name, recording in recordings.items()}
         self._corners = {name: ev[arc_star(ev)] for name, ev in self.streams.items()}
         with_frames = [r.frames for r in recordings.values() if len(r.frames)]
@@ -88,7 +88,7 @@ class SurfacePanel(Panel):
         self._side = max(1, ROOM // self._frames.shape[2])
         self._slow: tuple[tuple[float, ...], dict[str, NDArray]] | None = None
         self.speed = widgets.SelectionSlider(
-            options=list(recordings),
+            options=names,
             description="speed",
             style={"description_width": "95px"},
             layout={"width": "305px"},
@@ -186,3 +186,6 @@ class SurfacePanel(Panel):
 def _row(kind: str, cells: list[str]) -> str:
     look = "style='padding:2px 10px; text-align:right'"
     return "<tr>" + "".join(f"<{kind} {look}>{cell}</{kind}>" for cell in cells) + "</tr>"
+
+
+__getattr__ = renamed(__name__)

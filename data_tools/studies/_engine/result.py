@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from data_tools.studies._engine.study import Cell
 from data_tools.studies._engine.table import Columns, read_table
 from evcalib import checks
+from evcalib.display import Shown
 from evcalib.errors import InputError
 
 LABELS = ("group", "method", "ablation", "variant", "localisation")
@@ -22,7 +23,7 @@ LABELS = ("group", "method", "ablation", "variant", "localisation")
 
 
 @dataclass(frozen=True, eq=False)
-class StudyResult:
+class StudyResult(Shown):
     """A finished study.
 
     Attributes
