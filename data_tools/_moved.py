@@ -1,4 +1,4 @@
-"""Import paths of version 0.1; see `evcalib._moved`."""
+"""Import paths from before the folders; see `evcalib._moved`."""
 
 MOVED = {
     "data_tools.atomic_files": "data_tools.files.atomic",

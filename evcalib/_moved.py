@@ -1,6 +1,6 @@
-"""Import paths of version 0.1, which work until 0.3 and say where a name has gone.
+"""Import paths from before the folders: they work for one minor version and say what is new.
 
-This file and its twin in `data_tools` are to be deleted then, with their tests.
+This file, its twin in `data_tools`, `tests/test_moved.py` and `tests/old_paths.txt` go together.
 """
 
 from __future__ import annotations

@@ -109,9 +109,7 @@ def test_likeness_does_not_depend_on_the_frame():
 
 
 def test_unusable_drives_are_refused():
-    with pytest.raises(
-        InputError, match=r"velocities must be VelocitySeries, not ndarray; make it"
-    ):
+    with pytest.raises(InputError, match="must be VelocitySeries, not ndarray; make it"):
         predict(np.zeros((50, 3)))
     with pytest.raises(InputError, match="at least"):
         predict(logged(straight(1.0)))

@@ -1,4 +1,4 @@
-"""Every public name of version 0.1 is still found under its old path, with a warning."""
+"""Every public name from before the folders is still found under its old path, with a warning."""
 
 import importlib
 import subprocess
