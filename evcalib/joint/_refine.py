@@ -139,7 +139,7 @@ def refine_jointly(
         noise=fit.noise * focal,
         inlier_share=float(np.mean(fit.weights > 0)),
         tracks=len(tracks),
-        sightings=int(tracks.first[-1]),
+        observations=int(tracks.first[-1]),
         span=(float(tracks.start[0]), float(tracks.end.max())),
         curve=None
         if search is None

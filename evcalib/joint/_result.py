@@ -41,6 +41,7 @@ SYSTEMATIC = Systematic()
 """What simulated recordings of many scenes leave (notebook 06)."""
 
 
+@renamed_fields(sightings="observations")
 @dataclass(frozen=True, eq=False)
 class JointRefinement(Shown):
     """Rotation and offset from all tracks.
@@ -64,7 +65,7 @@ class JointRefinement(Shown):
         Standard deviation of an observation per axis [px].
     inlier_share : float
         Share of the observations that the fit follows.
-    tracks, sightings : int
+    tracks, observations : int
         What entered.
     span : tuple of float
         First and last time of these [s], on the camera clock.
@@ -93,7 +94,7 @@ class JointRefinement(Shown):
     noise: float
     inlier_share: float
     tracks: int
-    sightings: int
+    observations: int
     span: tuple[float, float]
     curve: OffsetCurve | None
     plausible: Floats

@@ -217,7 +217,7 @@ def _residuals(before: Residuals, headings: HeadingSeries, R: Floats) -> Residua
 def _how(joint: JointRefinement, rate_z: float) -> str:
     shows = "the changes of speed" if rate_z < RATE_GATE else "turns and changes of speed"
     return (
-        f"Refined on {joint.sightings} sightings of {joint.tracks} corners"
+        f"Refined on {joint.observations} sightings of {joint.tracks} corners"
         f" ({100 * joint.inlier_share:.0f} % followed, {joint.noise:.2f} px each): the offset shows"
         f" in {shows}."
     )
