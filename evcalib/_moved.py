@@ -71,13 +71,6 @@ MOVED = {
 }
 """Old modules, and where their names are now; the first that has a name is taken."""
 
-RENAMED = {
-    "evcalib.widgets.cockpit.Recording": "SolvedStreams",
-    "evcalib.widgets.heading.Recording": "KnownMotion",
-    "evcalib.widgets.surfaces.Recording": "EventsAndFrames",
-}
-"""Old names at their new place, and what they are called there."""
-
 LEFT = {
     "evcalib.design": "evcalib.design._prediction",
     "evcalib.features": "evcalib.features._keypoints",
@@ -91,6 +84,9 @@ LEFT = {
 """Folders with the name of an old module, and where names are that are public no more."""
 
 RENAMED = {
+    "evcalib.widgets.cockpit.Recording": "SolvedStreams",
+    "evcalib.widgets.heading.Recording": "KnownMotion",
+    "evcalib.widgets.surfaces.Recording": "EventsAndFrames",
     "data_tools.simulation.point_matches.Matched": "Matches",
     "evcalib.heading._matches.Pairs": "Matches",
     "evcalib.kernels.features.event_image.align": "align_patches",

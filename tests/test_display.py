@@ -151,7 +151,7 @@ def test_a_rival_states_no_error_bar_and_its_own_fields_come_last():
 def test_doubts_are_told():
     found = made_run().calibration
     verdict = replace(found.verdict, doubts=("The clocks drift apart.", "The lens is off."))
-    shown = repr(RefinedCalibration.of(replace(found, verdict=verdict)))
+    shown = repr(RefinedCalibration.after(replace(found, verdict=verdict)))
     assert "doubts The clocks drift apart. The lens is off." in shown
 
 

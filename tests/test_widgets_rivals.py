@@ -184,7 +184,7 @@ def test_the_same_place_gives_the_same_bytes_and_reset_goes_back_there(panel):
 def test_nothing_to_choose_from_is_refused():
     with pytest.raises(InputError, match="at least one motion"):
         RivalPanel(make, [])
-    with pytest.raises(InputError, match="at least one motion"):
+    with pytest.raises(InputError, match="at least one method"):
         RivalPanel(make, ["arc"], [])
 
 
