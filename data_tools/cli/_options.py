@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shlex
 import sys
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -77,6 +78,13 @@ def exit_by(calibration: Calibration) -> None:
 def command_line() -> str:
     """Return what was typed."""
     return shlex.join(["evcalib", *sys.argv[1:]])
+
+
+def tell(text: str, output: Path) -> None:
+    """Print what was done; on standard error, where the output itself goes to standard output."""
+    from data_tools.files.atomic import is_output
+
+    print(text, file=sys.stderr if is_output(output) else sys.stdout)
 
 
 def note(text: str) -> None:
