@@ -23,6 +23,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from data_tools.files.pipes import refuse_pipe
 from evcalib.arrays import Flags, Integers
 from evcalib.checks import side
 from evcalib.errors import InputError
@@ -145,6 +146,7 @@ def find(path: Path, name: str | None) -> Format:
     InputError
         If the file cannot be read, or no format fits it.
     """
+    refuse_pipe(path)
     if name is not None:
         for module in _formats():
             if name in module.NAMES:
