@@ -363,3 +363,25 @@ def test_a_pipe_that_nobody_writes_into_and_a_device_are_refused(run, tmp_path, 
     for read in (open_recording, read_body_velocities, read_yaml, read_paired_streams):
         with pytest.raises(InputError, match="is a pipe, and a file is read more than once"):
             read(tmp_path / "empty")
+
+
+def test_what_the_code_page_lacks_is_written_otherwise_and_is_no_failure(tmp_path):
+    folder = tmp_path / "日本"
+    folder.mkdir()
+    write_drive(folder, s_curve(10))
+    words = ("align", folder / "h.csv", folder / "v.csv", "-o", folder / "out")
+    done = subprocess.run(
+        [sys.executable, "-m", "evcalib", *map(str, words)],
+        env={**os.environ, "PYTHONIOENCODING": "cp1252"},
+        capture_output=True,
+    )
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert rb"\u65e5\u672c" in done.stdout
+    assert (folder / "out" / "calibration.yaml").is_file()
+    done = subprocess.run(
+        [sys.executable, "-m", "evcalib", "info", str(folder / "none")],
+        env={**os.environ, "PYTHONIOENCODING": "cp1252"},
+        capture_output=True,
+    )
+    assert done.returncode == 2
+    assert done.stderr.startswith(rb"evcalib: cannot read ")
