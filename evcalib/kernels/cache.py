@@ -52,7 +52,9 @@ def find_cache() -> None:
     settings = Path(os.environ.get("XDG_CONFIG_HOME") or home / ".config")
     beside = Path(__file__).resolve().parent / "__pycache__"
     homeless = {}
-    if not (getattr(numba.config, "CACHE_DIR", "") or _can_hold_files(beside) or _can_hold_files(caches)):
+    if not (
+        getattr(numba.config, "CACHE_DIR", "") or _can_hold_files(beside) or _can_hold_files(caches)
+    ):
         homeless["NUMBA_CACHE_DIR"] = "compiled code"
     if not ("MPLCONFIGDIR" in os.environ or _can_hold_files(settings)):
         homeless["MPLCONFIGDIR"] = "what matplotlib keeps"
