@@ -207,14 +207,15 @@ def test_seconds_stay_seconds(tmp_path):
     assert len(found(open_recording(tmp_path / "e", size=SIZE, time_unit="s"))[1]) == 50
 
 
-def test_whole_numbers_that_can_hardly_be_microseconds_are_asked_for(tmp_path):
+def test_whole_numbers_that_can_hardly_be_microseconds_are_asked_about(tmp_path):
     t = ascending(600) * 1000
     path = saved(tmp_path / "e.npz", t)
-    with pytest.raises(InputError, match=r"us was assumed, but that would be 0\.32 events"):
-        open_recording(path, size=SIZE)
-    np.testing.assert_array_equal(
-        found(open_recording(path, size=SIZE, time_unit="ns"))[1], t // 1000
-    )
+    recording = open_recording(path, size=SIZE)
+    assert "us was assumed, but that would be 0.32 events per second" in recording.notes[0]
+    assert describe(recording).notes == tuple(recording.notes)
+    recording = open_recording(path, size=SIZE, time_unit="ns")
+    np.testing.assert_array_equal(found(recording)[1], t // 1000)
+    assert recording.notes == []
 
 
 def test_a_unit_that_the_file_declares_or_its_format_fixes_is_not_overridden(tmp_path):

@@ -187,28 +187,21 @@ came, of so many events at least, are rather milliseconds or microseconds with d
 times to milliseconds finds several events in each."""
 
 
-def check_unit(path: object, unit: str, t: Integers) -> None:
-    """Ask for the unit of times, if the first events can hardly be in the one that was assumed.
+def doubt(unit: str, t: Integers) -> str | None:
+    """Return why the first events can hardly be in the unit that was taken for granted, if so.
 
     Parameters
     ----------
-    path : path
-        For the message.
     unit : str
         What was taken for granted.
     t : ndarray of int64, shape (n,)
         Times of the first events [us], by that unit.
-
-    Raises
-    ------
-    InputError
-        If there is less than one event per second, or all are at whole seconds (or milliseconds).
     """
-    steps = np.sort(t)[t.size // 20 : t.size - t.size // 20]
-    seconds = float(steps[-1] - steps[0]) / 1e6
-    rate = (steps.size - 1) / seconds if seconds else np.inf
+    middle = np.sort(t)[t.size // 20 : t.size - t.size // 20]
+    seconds = float(middle[-1] - middle[0]) / 1e6
     if t.size < _FEWEST or not seconds:
-        return
+        return None
+    rate = (middle.size - 1) / seconds
     if rate < LEAST_RATE:
         why = f"that would be {rate:.2g} events per second"
     elif unit == "s" and not (t % 1_000_000).any():
@@ -216,10 +209,10 @@ def check_unit(path: object, unit: str, t: Integers) -> None:
     elif unit == "s" and t.size >= _MANY and rate < _COARSE_RATE and not (t % _COARSE_US).any():
         why = f"that would be times of whole milliseconds, and only {rate:.0f} events per second"
     else:
-        return
+        return None
     others = [other for other in ("us", "ms", "ns") if other != unit]
-    raise InputError(
-        f"{path} does not tell the unit of its times; {unit} was assumed, but {why}. Are they in"
+    return (
+        f"the unit of the times is not told; {unit} was assumed, but {why}. Are they in"
         f" {' or '.join(others)}? Say so: --time-unit {others[0]} (time_unit='{others[0]}'), or"
         f" --time-unit {unit} if it is {unit} all the same"
     )

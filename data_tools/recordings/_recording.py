@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from data_tools.recordings import _stages as stages
-from data_tools.recordings._clock import Turns, check_unit, parts, without_glitches
+from data_tools.recordings._clock import Turns, doubt, parts, without_glitches
 from data_tools.recordings._info import RecordingInfo, describe
 from data_tools.recordings.formats import UNITS, Columns, Format, Options, Size, Source, find
 from evcalib import checks
@@ -65,8 +65,8 @@ def open_recording(
     ------
     InputError
         If the file cannot be read, is in no known format, is damaged before its first events,
-        holds none, contradicts `size` or `time_unit`, or its times can hardly be in the unit that
-        they seem to be in.
+        holds none, contradicts `size` or `time_unit`, or its times with decimals can hardly be
+        seconds and no unit is given.
     """
     path = Path(path)
     if time_unit is not None:
@@ -118,7 +118,13 @@ class Recording:
             lost = ", ".join(f"{count} {reason}" for reason, count in self.losses.items() if count)
             raise InputError(f"{path} holds no events" + (f" ({lost})" if lost else ""))
         if self._source.guessed is not None:
-            check_unit(path, self._source.guessed, first.t)
+            why = doubt(self._source.guessed, first.t)
+            if why is not None and self._source.guessed == "s":
+                raise InputError(f"{path}: {why}")
+            if why is not None:
+                # Whole numbers are microseconds by the rule of their format: a question is enough.
+                self._source = replace(self._source, notes=(*self._source.notes, why))
+                self.notes.append(why)
         if origin_us is None:
             self.origin_us = _origin(int(first.t.min()))
         else:
@@ -162,8 +168,7 @@ class Recording:
         Counts in `losses` like an iteration.  For those who examine a recording.
         """
         self.losses = losses = Counter[str]()
-        source = self._module.open(self.path, replace(self._options, disorder="keep"))
-        return self._naming(self._within(source, losses))
+        return self._naming(self._within(self._source, losses))
 
     def _size(self) -> int | None:
         return self.path.stat().st_size if self.path.is_file() else None

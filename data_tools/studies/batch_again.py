@@ -56,20 +56,20 @@ def take_along(batch: Study, folder: Path) -> None:
         old_table = _another_list(stored, wanted)
         if old_table:
             found |= _by_entry(cells, _outcomes(columns))
-    stored = _head(notes)
-    if stored is not None and stored["parameters"] in known and _another_list(stored, wanted):
+    head = _head(notes)
+    if head is not None and head["parameters"] in known and _another_list(head, wanted):
         old_notes = True
-        with closing(Journal(notes, stored)) as journal:
-            found |= _by_entry(known[stored["parameters"]], journal.outcomes())
+        with closing(Journal(notes, head)) as journal:
+            found |= _by_entry(known[head["parameters"]], journal.outcomes())
     try:
         _write(entries, {**known, wanted["parameters"]: batch.cells})
-        if old_notes or (old_table and stored is None):
+        if old_notes or (old_table and head is None):
             with replacing(notes) as part, closing(Journal(part, wanted)) as journal:
                 rows = ((k, found.get(_text(cell))) for k, cell in enumerate(batch.cells))
                 journal.append([Outcome((k, 0), done) for k, done in rows if done is not None])
         if old_table:
             table.unlink()
-        if stored is None or old_notes:
+        if head is None or old_notes:
             _write(entries, {wanted["parameters"]: batch.cells})
     except OSError as error:
         raise EvcalibError(f"cannot write in {folder}: {error.strerror or error}") from None
