@@ -155,8 +155,11 @@ def _glitch(t: Integers, at: int, begun: bool, ended: bool) -> tuple[int, int] |
     low = int(np.argmax(later)) if later.any() else t.size - at if ended else most + 1
     if high > most or (begun and high == at):
         return None if low > most else (at, at + low)
-    # Where nothing stands before the high ones, the low ones are as likely to be wrong.
-    return (at - high, at) if high < low + (high < at) else (at, at + low)
+    # Those with neighbours on one side only are as likely to be wrong as any.
+    followed = at + low < t.size
+    if high < at and (high <= low or not followed):
+        return at - high, at
+    return (at - high, at) if high < low else (at, at + low)
 
 
 def _without_ends(piece: Columns, begun: bool, ended: bool) -> Columns:

@@ -24,6 +24,9 @@ from data_tools.files.unpack import check_ratio
 from data_tools.recordings.formats import Columns, Options, Source
 from data_tools.recordings.formats._columns import Converter, find_columns
 from data_tools.recordings.formats.events_text import (
+    MARK as MARK,
+)
+from data_tools.recordings.formats.events_text import (
     declared,
     declared_size,
     head_lines,
