@@ -60,19 +60,25 @@ class Turns:
             self._last = int(t[-1])
             added = np.zeros(0, dtype=np.int64)
             if (np.abs(steps) > min(TURNS_US) - TURN_SLACK_US).any():
-                added = self._turns(steps)
+                added = self._turns(t, steps)
             if added.any() or self._added:
                 sums = self._added + np.cumsum(added if added.size else np.zeros_like(t))
                 self._added = int(sums[-1])
                 piece = piece._replace(t=t + sums)
             yield piece
 
-    def _turns(self, steps: Integers) -> Integers:
-        """Return what each step adds: a turn, or one back where a late event follows it."""
+    def _turns(self, t: Integers, steps: Integers) -> Integers:
+        """Return what each step adds: a turn, or one back where a late event follows it.
+
+        A clock starts again at 0, or at the lowest number with a sign; elsewhere a step of this
+        size is a flipped bit.
+        """
         added = np.zeros_like(steps)
+        low = np.minimum(t, t - steps)
+        starts = np.minimum(np.abs(low), np.abs(low + TURNS_US[1])) <= TURN_SLACK_US
         for turn in TURNS_US:
-            forth = (steps + turn >= -JUMP_US) & (steps + turn <= TURN_SLACK_US)
-            back = (steps - turn <= JUMP_US) & (steps - turn >= -TURN_SLACK_US)
+            forth = (steps + turn >= -JUMP_US) & (steps + turn <= TURN_SLACK_US) & starts
+            back = (steps - turn <= JUMP_US) & (steps - turn >= -TURN_SLACK_US) & starts
             added[forth] = turn
             if self._added or forth.any():
                 added[back] = -turn
