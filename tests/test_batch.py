@@ -1,15 +1,18 @@
 """Batches: a strict list, one calibration per entry, and failures that harm nobody."""
 
 import csv
+import inspect
 import io
 import tracemalloc
 
 import batch_jobs
 import numpy as np
 import pytest
+import yaml
 
+from data_tools.cli._calibrate import calibrate as calibrate_command
 from data_tools.studies.batch import run_batch
-from data_tools.studies.batch_list import read_list
+from data_tools.studies.batch_list import KEYS, read_list
 from evcalib.errors import InputError
 
 GOOD = """
@@ -150,11 +153,110 @@ def test_run_again_only_what_failed_is_tried_again(tmp_path):
     assert not (folder / "batch.journal").exists()
 
 
-def test_another_list_in_the_same_folder_is_refused(tmp_path):
+def test_a_list_that_changes_has_only_its_changed_entries_run_again(tmp_path):
+    folder = tmp_path / "out"
+
+    def run(*names, defaults=""):
+        path = listed(tmp_path, *names)
+        path.write_text(path.read_text().replace("v.csv}", f"v.csv{defaults}}}"))
+        return run_batch(path, folder=folder, calibrate=batch_jobs.calibrate)
+
+    first = run("first", "second")
+    longer = run("new", "second", "first", "broken")
+    assert calls(folder) == {"first": 1, "second": 1, "new": 1, "broken": 1}
+    assert [row["status"] for row in longer.rows()] == ["determined"] * 3 + ["failed"]
+    kept = {row["name"]: row for row in longer.rows()}
+    assert all(kept[row["name"]] == row for row in first.rows())
+    run("second", "broken", "new")
+    assert calls(folder) == {"first": 1, "second": 1, "new": 1, "broken": 2}
+    run("second", "new")
+    assert not (folder / "batch.journal").exists()
+    run("second", "new", defaults=", max_offset: 3")
+    assert calls(folder) == {"first": 1, "second": 2, "new": 2, "broken": 2}
+
+
+def test_a_list_that_changes_after_a_stop(tmp_path, monkeypatch):
+    """Stopped in its midst, only the journal holds what was done."""
+    folder, done = tmp_path / "out", []
+
+    def stop(*args, **more):
+        if len(done) == 2:
+            raise KeyboardInterrupt
+        done.append(more["recording"])
+        return batch_jobs.calibrate(*args, **more)
+
+    with pytest.raises(KeyboardInterrupt):
+        run_batch(listed(tmp_path, "a", "b", "c"), folder=folder, calibrate=stop)
+    assert not (folder / "batch.h5").exists()
+    # Killed while results are taken along, the next call does it.
+    path = listed(tmp_path, "d", "b", "a")
+    with monkeypatch.context() as patch:
+        patch.setattr("data_tools.studies.batch_again.Journal.append", stop)
+        with pytest.raises(KeyboardInterrupt):
+            run_batch(path, folder=folder, calibrate=batch_jobs.calibrate)
+    run_batch(path, folder=folder, calibrate=batch_jobs.calibrate)
+    assert calls(folder) == {"a": 1, "b": 1, "d": 1}
+
+
+def test_another_version_in_the_same_folder_is_refused(tmp_path, monkeypatch):
     folder = tmp_path / "out"
     run_batch(listed(tmp_path, "first"), folder=folder, calibrate=batch_jobs.calibrate)
-    with pytest.raises(InputError, match="other parameters"):
+    monkeypatch.setattr("evcalib.__version__", "9.9")
+    with pytest.raises(InputError, match="version of evcalib"):
         run_batch(listed(tmp_path, "second"), folder=folder, calibrate=batch_jobs.calibrate)
+    assert calls(folder) == {"first": 1}
+
+
+def test_every_option_of_calibrate_may_stand_in_a_list(tmp_path):
+    """But those that are the batch's own; each reaches the calibration."""
+    options = set(inspect.signature(calibrate_command).parameters)
+    assert options - {"output", "overwrite", "as_json"} == set(KEYS) - {"name"}
+    entry = {
+        **{"recording": "r", "camera": "c", "velocities": "v", "offset": -0.5},
+        **{"camera_position": "0.3,0,0.8", "refinement": "none", "max_slip": 0.1},
+        **{
+            "max_yaw_rate": 1,
+            "columns": {"t": {"column": "ms", "unit": "ms"}},
+            "topic": "/odom",
+        },
+        **{"wheel_radius": 0.1, "time_unit": "us", "format": "text", "disorder": "sort"},
+        **{"stream": "1", "surface": "ts", "rate": 30, "seed": 7, "size": "8x5"},
+    }
+    seen = []
+
+    def calibrate(**given):
+        seen.append(given)
+        return batch_jobs.calibrate(**given)
+
+    path = written(tmp_path, yaml.safe_dump({"recordings": [entry]}))
+    assert not run_batch(path, folder=tmp_path / "out", calibrate=calibrate).failures
+    (given,) = seen
+    assert given["reading"] == {k: entry[k] for k in ("time_unit", "format", "disorder", "stream")}
+    assert given["motion"] == {k: entry[k] for k in ("columns", "topic", "wheel_radius")}
+    assert (given["camera_position"], given["size"]) == ((0.3, 0, 0.8), (8, 5))
+    same = ("offset", "refinement", "max_slip", "max_yaw_rate", "surface", "rate", "seed")
+    assert {key: given[key] for key in same} == {key: entry[key] for key in same}
+    assert set(given) - {"recording", "camera", "velocities", "output"} == {
+        *same, "reading", "motion", "camera_position", "size",
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("value", "words"),
+    [
+        ("disorder: keep", "disorder must be one of refuse, sort, drop, not 'keep'"),
+        ("time_unit: h", "time_unit must be one of s, ms, us, ns"),
+        ("camera_position: [1, 2]", "camera_position must be X,Y,Z in metres"),
+        ("seed: 1.5", "seed must be a whole number"),
+        ("wheel_radius: 0", "wheel_radius must be a positive number of metres"),
+        ("topic: 3", "topic must be a word"),
+        ("columns: 3", "columns must be a path"),
+        ("offset: .nan", "offset must be a number of seconds"),
+    ],
+)
+def test_slips_in_options_are_errors(tmp_path, value, words):
+    with pytest.raises(InputError, match=words):
+        read_list(written(tmp_path, ONE.replace("v}", f"v, {value}}}")))
 
 
 def test_a_recording_that_kills_its_process_fails_alone(tmp_path):
@@ -165,11 +267,16 @@ def test_a_recording_that_kills_its_process_fails_alone(tmp_path):
 
 
 def test_memory_holds_little_more_than_the_list_and_the_table(tmp_path):
-    """Beyond that a calibration of 1 MB is let go: of a thousand of them, few are ever held."""
-    path = listed(tmp_path, *(f"r{k}" for k in range(1000)))
-    tracemalloc.start()
-    done = run_batch(path, folder=tmp_path / "out", calibrate=batch_jobs.large)
-    peak = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    assert len(done.rows()) == 1000
-    assert peak < 10e6
+    """A calibration of 1 MB is let go: what a longer list adds is far less per recording."""
+
+    def peak(count):
+        path = listed(tmp_path, *(f"r{k}" for k in range(count)))
+        tracemalloc.start()
+        done = run_batch(path, folder=tmp_path / f"out{count}", calibrate=batch_jobs.large)
+        found = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        assert len(done.rows()) == count
+        return found
+
+    peak(2)
+    assert peak(1000) - peak(100) < 900 * 20_000

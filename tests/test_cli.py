@@ -1,10 +1,14 @@
 """The command line as a user types it: output, files, exit codes, one clear line per error."""
 
+import gzip
 import hashlib
 import json
+import os
 import re
 import subprocess
 import sys
+import threading
+import time
 
 import numpy as np
 import pytest
@@ -12,9 +16,13 @@ import yaml
 
 from data_tools import cli
 from data_tools.files import datasets
-from data_tools.logs.series_files import write_headings, write_velocities
+from data_tools.files.text import read_yaml
+from data_tools.logs.series_files import read_paired_streams, write_headings, write_velocities
+from data_tools.logs.velocity_sources import read_body_velocities
+from data_tools.recordings import open_recording
 from data_tools.simulation.drives import arc, s_curve, straight
 from data_tools.simulation.streams import Noise, simulate
+from evcalib.errors import InputError
 from evcalib.geometry import rotation_angle
 
 PAPER_TRUTH = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
@@ -312,3 +320,68 @@ def test_a_turning_camera_has_no_heading_and_the_reason_is_said(run, data, tmp_p
         assert code == cli.NO_ANSWER
         assert " 0 headings of " in out
         assert "no heading: " in out
+
+
+def piped(content, path, wait=0.0):
+    """Write into a named pipe, once, from another thread."""
+    os.mkfifo(path)
+
+    def write():
+        time.sleep(wait)
+        path.write_bytes(content)
+
+    threading.Thread(target=write, daemon=True).start()
+    return path
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no named pipes here")
+def test_files_may_come_out_of_pipes_and_messages_name_the_pipe(run, tmp_path):
+    write_drive(tmp_path, s_curve(10))
+    code, straightforward, _ = run("align", tmp_path / "h.csv", tmp_path / "v.csv")
+    heads = piped((tmp_path / "h.csv").read_bytes(), tmp_path / "h", wait=0.3)
+    bodies = piped((tmp_path / "v.csv").read_bytes(), tmp_path / "v")
+    assert run("align", heads, bodies) == (code, straightforward, "")
+    text = "".join(f"{k / 1e4 + 3e-6:.6f} {k % 8} {k % 5} {k % 2}\n" for k in range(9_000)).encode()
+    code, out, _ = run("info", piped(gzip.compress(text), tmp_path / "e"), "--size", "8x5")
+    assert code == 0
+    assert "9000" in out
+    code, _, err = run("info", piped(b"1 2 3\n4 5 6\n", tmp_path / "broken"), "--size", "8x5")
+    assert code == 2
+    assert f"{tmp_path / 'broken'}, line 1" in one_line(err)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no named pipes here")
+def test_a_pipe_that_nobody_writes_into_and_a_device_are_refused(run, tmp_path, monkeypatch):
+    monkeypatch.setattr("data_tools.files.pipes.WRITER", 0.1)
+    os.mkfifo(tmp_path / "empty")
+    code, _, err = run("info", tmp_path / "empty")
+    assert code == 2
+    assert "nothing comes out of the pipe" in one_line(err)
+    code, _, err = run("info", os.devnull)
+    assert code == 2
+    assert "is a device, not a file" in one_line(err)
+    for read in (open_recording, read_body_velocities, read_yaml, read_paired_streams):
+        with pytest.raises(InputError, match="is a pipe, and a file is read more than once"):
+            read(tmp_path / "empty")
+
+
+def test_what_the_code_page_lacks_is_written_otherwise_and_is_no_failure(tmp_path):
+    folder = tmp_path / "日本"
+    folder.mkdir()
+    write_drive(folder, s_curve(10))
+    words = ("align", folder / "h.csv", folder / "v.csv", "-o", folder / "out")
+    done = subprocess.run(
+        [sys.executable, "-m", "evcalib", *map(str, words)],
+        env={**os.environ, "PYTHONIOENCODING": "cp1252"},
+        capture_output=True,
+    )
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert rb"\u65e5\u672c" in done.stdout
+    assert (folder / "out" / "calibration.yaml").is_file()
+    done = subprocess.run(
+        [sys.executable, "-m", "evcalib", "info", str(folder / "none")],
+        env={**os.environ, "PYTHONIOENCODING": "cp1252"},
+        capture_output=True,
+    )
+    assert done.returncode == 2
+    assert done.stderr.startswith(rb"evcalib: cannot read ")

@@ -3,6 +3,8 @@
 import importlib.util
 import os
 import re
+import subprocess
+import sys
 import tomllib
 from importlib.metadata import version
 from pathlib import Path
@@ -98,3 +100,44 @@ def test_runtime_dependencies_leave_users_free():
     found = {n: tool.licence(n, p) for n, p in tool.closure("evcalib", set()).items()}
     assert {"numpy", "numba", "llvmlite", "h5py"} <= set(found)
     assert [f"{n}: {text}" for n, text in found.items() if not tool.permitted(text)] == []
+
+
+HOMELESS = """
+import os, warnings
+from pathlib import Path
+from evcalib.kernels import cache
+held = cache._can_hold_files
+cache._can_hold_files = lambda folder: str(folder).startswith(os.environ["TMPDIR"]) and held(folder)
+with warnings.catch_warnings(record=True) as told:
+    warnings.simplefilter("always")
+    from evcalib.kernels.jit import jit
+    from evcalib.kernels import joint
+    cache.find_cache()
+print(len(told), told[0].message)
+print(os.environ["NUMBA_CACHE_DIR"], os.environ["MPLCONFIGDIR"])
+import matplotlib
+print(matplotlib.get_configdir())
+"""
+
+
+@pytest.mark.parametrize("taken", [False, True])
+def test_caches_go_to_a_temporary_folder_where_nothing_else_can_be_written(tmp_path, taken):
+    """What lies in a folder that others can write is never run: it would be their code."""
+    mine = tmp_path / f"evcalib-cache-{os.getuid()}"
+    if taken:
+        mine.mkdir()
+        mine.chmod(0o777)
+    env = {k: v for k, v in os.environ.items() if k not in ("NUMBA_CACHE_DIR", "MPLCONFIGDIR")}
+    done = subprocess.run(
+        [sys.executable, "-c", HOMELESS],
+        env={**env, "TMPDIR": str(tmp_path)},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    told, folders, matplotlib = done.stdout.splitlines()
+    assert told.startswith("1 neither the folder of evcalib nor that of the user can be written")
+    numba, settings = folders.split()
+    assert numba == settings == matplotlib
+    assert numba.startswith(f"{tmp_path}{os.sep}evcalib-cache-")
+    assert (numba == str(mine)) is not taken

@@ -2,14 +2,16 @@
 
 import os
 import signal
+import stat
 import subprocess
 import sys
+import threading
 
 import numpy as np
 import pytest
 from made_runs import made_run
 
-from data_tools.files.atomic import write_file
+from data_tools.files.atomic import is_output, write_file
 from data_tools.logs.series_files import read_headings, read_velocities
 from data_tools.runs import folder as run_folder
 from data_tools.runs._inputs import input_file
@@ -342,3 +344,100 @@ def test_input_files_are_described_by_name_size_and_digest(tmp_path):
     assert input_file(tmp_path).size == 8
     with pytest.raises(InputError, match="cannot read"):
         input_file(tmp_path / "none")
+
+
+def test_a_link_stays_and_its_target_is_replaced(tmp_path):
+    (tmp_path / "far").mkdir()
+    (tmp_path / "far" / "real.csv").write_text("old")
+    (tmp_path / "link.csv").symlink_to("far/real.csv")
+    (tmp_path / "second.csv").symlink_to(tmp_path / "link.csv")
+    write_file(tmp_path / "second.csv", text("new"))
+    assert (tmp_path / "link.csv").is_symlink()
+    assert (tmp_path / "second.csv").is_symlink()
+    assert (tmp_path / "far" / "real.csv").read_text() == "new"
+    assert names(tmp_path / "far") == {"real.csv"}
+    with pytest.raises(RuntimeError):
+        write_file(tmp_path / "second.csv", failing)
+    assert (tmp_path / "far" / "real.csv").read_text() == "new"
+    assert names(tmp_path / "far") == {"real.csv"}
+
+
+def failing(path):
+    path.write_text("half")
+    raise RuntimeError
+
+
+def test_a_link_to_nothing_makes_its_target_and_a_ring_of_links_is_told(tmp_path):
+    (tmp_path / "link").symlink_to("fresh.csv")
+    write_file(tmp_path / "link", text("new"))
+    assert (tmp_path / "link").is_symlink()
+    assert (tmp_path / "fresh.csv").read_text() == "new"
+    (tmp_path / "a").symlink_to("b")
+    (tmp_path / "b").symlink_to("a")
+    with pytest.raises(InputError, match=r"cannot write .*a: "):
+        write_file(tmp_path / "a", text("new"))
+    assert (tmp_path / "a").is_symlink()
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no named pipes here")
+def test_a_pipe_gets_the_whole_content_or_is_refused_where_nobody_reads(tmp_path, monkeypatch):
+    pipe, got = tmp_path / "pipe", []
+    os.mkfifo(pipe)
+    reader = threading.Thread(target=lambda: got.append(pipe.read_bytes()))
+    reader.start()
+    write_file(pipe, lambda path: path.write_bytes(b"row\n" * 50_000))
+    reader.join()
+    assert got == [b"row\n" * 50_000]
+    monkeypatch.setattr("data_tools.files.atomic.READER", 0.1)
+    with pytest.raises(InputError, match="nobody reads this pipe"):
+        write_file(pipe, text("new"))
+    assert stat.S_ISFIFO(pipe.stat().st_mode)
+
+
+def test_a_device_is_written_into(tmp_path):
+    """A null device and a full one of the test's own, never the machine's."""
+    for name, minor in (("null", 3), ("full", 7)):
+        try:
+            os.mknod(tmp_path / name, 0o666 | stat.S_IFCHR, os.makedev(1, minor))
+            open(tmp_path / name, "wb").close()
+        except (AttributeError, PermissionError):
+            pytest.skip("devices can only be made, and opened, by root")
+    write_file(tmp_path / "null", text("new"))
+    with pytest.raises(InputError, match="No space left"):
+        write_file(tmp_path / "full", text("new"))
+    assert all(stat.S_ISCHR((tmp_path / name).stat().st_mode) for name in ("null", "full"))
+    assert names(tmp_path) == {"null", "full"}
+
+
+WRITER = """
+import sys
+from pathlib import Path
+from data_tools.files.atomic import is_output, write_file
+path = Path(sys.argv[1])
+assert is_output(path)
+print("before")
+write_file(path, lambda part: part.write_text("content\\n"))
+print("after")
+"""
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/stdout"), reason="no /dev/stdout here")
+@pytest.mark.parametrize("name", ["/dev/stdout", "here"])
+def test_what_goes_to_this_programs_own_output_is_printed_there(tmp_path, name):
+    """Only regular files: whoever breaks this writes into the test's own folder."""
+    log = tmp_path / "log.csv"
+    log.write_text("kept\n")
+    with open(log, "a") as out:
+        given = log if name == "here" else name
+        subprocess.run([sys.executable, "-c", WRITER, given], stdout=out, check=True)
+    assert log.read_text() == "kept\nbefore\ncontent\nafter\n"
+    assert not is_output(tmp_path / "none")
+
+
+def test_a_link_among_the_files_of_a_run_is_never_replaced(tmp_path):
+    earlier(tmp_path / "run")
+    (tmp_path / "run" / CALIBRATION).rename(tmp_path / "kept.yaml")
+    (tmp_path / "run" / CALIBRATION).symlink_to(tmp_path / "kept.yaml")
+    with pytest.raises(InputError, match="a link or no regular file"):
+        RunFolder(tmp_path / "run", overwrite=True).__enter__()
+    assert (tmp_path / "kept.yaml").read_text() == "old"

@@ -137,7 +137,7 @@ def headings(
         stream=stream,
     )
     write_file(output, lambda path: write_headings(path, result.estimate.headings))
-    print(result.summary)
+    common.tell(result.summary, output)
     if not len(result.estimate.headings):
         raise typer.Exit(common.NO_ANSWER)
 
@@ -172,9 +172,9 @@ def velocities(
         max_yaw_rate=max_yaw_rate,
     )
     write_file(output, lambda path: write_velocities(path, source.velocities))
-    print(f"{len(source.velocities)} rows written to {output}")
+    common.tell(f"{len(source.velocities)} rows written to {output}", output)
     for line in source.notes:
-        print(line)
+        common.tell(line, output)
 
 
 @app.command()

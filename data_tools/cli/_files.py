@@ -49,9 +49,12 @@ def convert(
         recording, size, time_unit=time_unit, format=format, disorder=disorder, stream=stream
     )
     count = write(opened, target)
-    print(f"{count} events written to {target}")
+    common.tell(f"{count} events written to {target}", target)
     for what, lost in opened.losses.items():
-        print(f"lost: {lost} {what}")
+        if lost:
+            common.tell(f"lost: {lost} {what}", target)
+    for line in opened.notes:
+        common.tell(f"note: {line}", target)
 
 
 def _opened(recording: Path, size: str | None, **options: Any) -> Recording:

@@ -5,10 +5,15 @@ from __future__ import annotations
 import json
 import shlex
 import sys
+import tempfile
+from contextlib import ExitStack
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from typer.core import TyperGroup
+from typer.core import TyperCommand, TyperGroup
+
+from evcalib.errors import EvcalibError
 
 if TYPE_CHECKING:
     from evcalib.alignment import Calibration
@@ -16,6 +21,12 @@ if TYPE_CHECKING:
 BAD_INPUT = 2
 NO_ANSWER = 3
 INTERRUPTED = 130
+
+INPUTS = (
+    *("recording", "camera", "wheels", "vehicle", "velocities", "columns", "headings"),
+    *("trajectory", "calibration", "recordings"),
+)
+"""Parameters of commands that are files to read."""
 
 
 class Interrupted(Exception):
@@ -30,7 +41,43 @@ class _Commands(TyperGroup):
             raise Interrupted(f": {stop}" if str(stop) else "") from None
 
 
-app = typer.Typer(
+class _Command(TyperCommand):
+    """A command that may be given pipes, like ``<(...)``, for the files that it reads."""
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run it on copies of what comes out of the pipes; errors name what was given."""
+        from data_tools.files.pipes import copy_pipe, is_pipe, refuse_pipe
+
+        copies: dict[str, str] = {}
+        with ExitStack() as stack:
+            for name, given in ctx.params.items():
+                if name not in INPUTS or given is None:
+                    continue
+                if not is_pipe(given):
+                    refuse_pipe(given)
+                    continue
+                home = stack.enter_context(tempfile.TemporaryDirectory(prefix="evcalib-"))
+                copy = Path(home) / Path(given).name
+                copy_pipe(given, copy)
+                ctx.params[name] = type(given)(copy)
+                copies[str(copy)] = str(given)
+            try:
+                return super().invoke(ctx)
+            except EvcalibError as error:
+                if not copies:
+                    raise
+                text = str(error)
+                for copy_name, pipe in copies.items():
+                    text = text.replace(copy_name, pipe)
+                raise type(error)(text) from None
+
+
+class _App(typer.Typer):
+    def command(self, *args: Any, **kwargs: Any) -> Any:
+        return super().command(*args, **{"cls": _Command, **kwargs})
+
+
+app = _App(
     cls=_Commands,
     help="Time offset and rotation between an event camera and an omni-directional vehicle.",
     add_completion=False,
@@ -77,6 +124,13 @@ def exit_by(calibration: Calibration) -> None:
 def command_line() -> str:
     """Return what was typed."""
     return shlex.join(["evcalib", *sys.argv[1:]])
+
+
+def tell(text: str, output: Path) -> None:
+    """Print what was done; on standard error, where the output itself goes to standard output."""
+    from data_tools.files.atomic import is_output
+
+    print(text, file=sys.stderr if is_output(output) else sys.stdout)
 
 
 def note(text: str) -> None:

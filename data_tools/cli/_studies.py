@@ -128,7 +128,12 @@ def batch(
     workers: Workers = 1,
     scheduler: Scheduler = None,
 ) -> None:
-    """Calibrate many recordings; go on with those that are left, if it was stopped."""
+    """Calibrate many recordings; go on with those that are left, or changed in the list.
+
+    The list has the key `recordings`, a list of entries with the keys recording, camera, and either
+    velocities, or wheels and vehicle; any option of `evcalib calibrate` may stand in an entry
+    under its name with _ for -; the key `defaults` holds what entries leave out.
+    """
     from data_tools.studies.batch import run_batch
 
     result = run_batch(recordings, folder=output, workers=workers, scheduler=scheduler)

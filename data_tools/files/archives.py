@@ -15,6 +15,7 @@ from typing import IO, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from data_tools.files.pipes import refuse_pipe
 from data_tools.files.unpack import check_ratio
 from evcalib.errors import InputError
 
@@ -43,6 +44,7 @@ def opened_zip(path: Path) -> Iterator[zipfile.ZipFile]:
     InputError
         If it is damaged, cut off, or would unpack to more than any recording.
     """
+    refuse_pipe(path)
     try:
         with zipfile.ZipFile(path) as archive:
             check_ratio(sum(info.file_size for info in archive.infolist()), path.stat().st_size)

@@ -9,6 +9,7 @@ from typing import Any
 
 import yaml
 
+from data_tools.files.pipes import refuse_pipe
 from evcalib.errors import InputError
 
 LARGEST = 1 << 28
@@ -32,6 +33,7 @@ def read_text(path: str | Path, largest: int = LARGEST) -> str:
         If it cannot be read, is no UTF-8 or longer than `largest` bytes, or ends within what may
         be a number, so that digits may be missing.
     """
+    refuse_pipe(path)
     data = bytearray()
     try:
         with open(path, "rb") as file:

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from data_tools.bags import MAGIC, is_bag
+from data_tools.files.pipes import refuse_pipe
 from data_tools.logs.bag_velocities import read_bag_motion
 from data_tools.logs.column_maps import Columns
 from data_tools.logs.series_files import read_velocities
@@ -171,6 +172,7 @@ def _check_steps(t: Floats, path: Path) -> None:
 
 
 def _head(path: Path) -> bytes:
+    refuse_pipe(path)
     try:
         if path.is_dir():
             return b""

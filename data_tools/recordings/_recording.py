@@ -8,7 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from data_tools.recordings import _stages as stages
-from data_tools.recordings.formats import Columns, Format, Options, Size, Source, find
+from data_tools.recordings._clock import Turns, doubt, parts, without_glitches
+from data_tools.recordings.formats import UNITS, Columns, Format, Options, Size, Source, find
 from evcalib import checks
 from evcalib._event_columns import MAX_TIME_US
 from evcalib.checks import side, whole_us
@@ -38,14 +39,16 @@ def open_recording(
     size : (int, int), optional
         Sensor width and height [px], needed only where the file does not tell it.
     time_unit : {"s", "ms", "us", "ns"}, optional
-        Unit of times, needed only where the format leaves it open.
+        Unit of times, needed only where the format leaves it open, and refused where the file
+        declares another.
     origin_us : int, optional
         Subtracted from all times [us].  By default 0, unless the times are of Unix size (over
         three years): then the first time, rounded down to a whole second.
     disorder : {"refuse", "sort", "drop"}
         What to do with events before their predecessors: refuse the recording; put them in order,
         if they are at most 50 ms late; or leave them out.  What was done is in the recording's
-        `losses` and `notes`.
+        `losses` and `notes`.  Whichever it is, a few events after which the clock is again where it
+        was before them are left out, and a clock of 32 bits that starts again goes on.
     stream : str, optional
         Which of several streams, where the file has more than one: the name in a zip, the topic
         of a bag, the camera or group.
@@ -59,11 +62,12 @@ def open_recording(
     ------
     InputError
         If the file cannot be read, is in no known format, is damaged before its first events,
-        holds none, or contradicts `size`.
+        holds none, contradicts `size` or `time_unit`, or its times with decimals can hardly be
+        seconds and no unit is given.
     """
     path = Path(path)
     if time_unit is not None:
-        checks.one_of(time_unit, "time_unit", ("s", "ms", "us", "ns"))
+        checks.one_of(time_unit, "time_unit", UNITS)
     if size is not None:
         size = side(size[0], "width"), side(size[1], "height")
     checks.one_of(disorder, "disorder", ("refuse", "sort", "drop"))
@@ -101,11 +105,23 @@ class Recording:
         self._source = module.open(path, options)
         self.path, self.format = path, self._source.format
         self.width, self.height = self._source.width, self._source.height
-        self.notes = list(self._source.notes)
+        if options.time_unit is not None and self._source.fixed not in (None, options.time_unit):
+            raise InputError(
+                f"{path}: the format {self.format} keeps times in {self._source.fixed}, not in"
+                f" {options.time_unit}: leave time_unit (--time-unit) out"
+            )
         first = next(self.columns(), None)
         if first is None:
             lost = ", ".join(f"{count} {reason}" for reason, count in self.losses.items() if count)
             raise InputError(f"{path} holds no events" + (f" ({lost})" if lost else ""))
+        if self._source.guessed is not None:
+            why = doubt(self._source.guessed, first.t)
+            if why is not None and self._source.guessed == "s":
+                raise InputError(f"{path}: {why}")
+            if why is not None:
+                # Whole numbers are microseconds by the rule of their format: a question is enough.
+                self._source = replace(self._source, notes=(*self._source.notes, why))
+                self.notes.append(why)
         if origin_us is None:
             self.origin_us = _origin(int(first.t.min()))
         else:
@@ -130,7 +146,6 @@ class Recording:
         """
         size = self._size()
         self.losses = losses = Counter[str]()
-        self.notes = list(self._source.notes)
         late = stages.Disorder()
         for piece in self._ordered(losses, late):
             yield self._events(piece)
@@ -150,8 +165,7 @@ class Recording:
         Counts in `losses` like an iteration.  For those who examine a recording.
         """
         self.losses = losses = Counter[str]()
-        source = self._module.open(self.path, replace(self._options, disorder="keep"))
-        return self._naming(self._within(source, losses))
+        return self._naming(self._within(self._source, losses))
 
     def _size(self) -> int | None:
         return self.path.stat().st_size if self.path.is_file() else None
@@ -168,9 +182,23 @@ class Recording:
         return self._naming(pieces)
 
     def _within(self, source: Source, losses: Counter[str]) -> Iterator[Columns]:
-        return stages.inside(
+        """Yield the events that can be used, and note at the end what was mended in their times."""
+        self.notes = list(source.notes)
+        turns, first, last = Turns(), None, 0
+        pieces = stages.inside(
             stages.gathered(source.pieces(losses)), self.width, self.height, losses
         )
+        for piece in without_glitches(turns.mended(parts(pieces)), losses):
+            first = int(piece.t[0]) if first is None else first
+            last = int(piece.t[-1])
+            yield piece
+        if source.turn_us and first is not None:
+            turns.count += last // source.turn_us - first // source.turn_us
+        if turns.count:
+            self.notes.append(
+                f"the recording's clock of 32 bits started again ({turns.count} x); the times were"
+                " mended to go on"
+            )
 
     def _naming(self, pieces: Iterator[Columns]) -> Iterator[Columns]:
         """Pass pieces on; an error says which recording."""

@@ -21,6 +21,7 @@ LEAST = 1 << 17
 SORT_WINDOW_US = 50_000
 """How far back in time [us] an event may be and still be put in order."""
 
+_CLOCK_WAS_SET = "was the clock set, or were two recordings joined? Then cut the file there"
 _HELD = 1 << 23
 _WRONG_SIZE = 0.1
 _ENOUGH = 100
@@ -109,11 +110,15 @@ def refused(pieces: Iterable[Columns], late: Disorder) -> Iterator[Columns]:
     for piece in pieces:
         lag = late.lag(piece.t)
         if lag is not None:
-            where = late.place(lag, int(np.argmax(lag > 0)), piece.t)
-            raise InputError(
-                f"times are out of order: {where}; disorder='sort' puts in order what is up to"
-                f" {SORT_WINDOW_US // 1000} ms late, 'drop' leaves late events out"
+            row = int(np.argmax(lag > 0))
+            advice = (
+                f"disorder='sort' (--disorder sort) puts in order what is up to"
+                f" {SORT_WINDOW_US // 1000} ms late"
             )
+            if lag[row] > SORT_WINDOW_US:
+                advice = _CLOCK_WAS_SET
+            where = late.place(lag, row, piece.t)
+            raise InputError(f"times are out of order: {where}; {advice}")
         yield piece
 
 
@@ -129,7 +134,7 @@ def in_order(pieces: Iterable[Columns], late: Disorder) -> Iterator[Columns]:
             where = late.place(lag, int(np.argmax(lag > SORT_WINDOW_US)), piece.t)
             raise InputError(
                 f"times are too far out of order to be sorted: {where}, more than"
-                f" {SORT_WINDOW_US // 1000} ms; disorder='drop' leaves late events out"
+                f" {SORT_WINDOW_US // 1000} ms; {_CLOCK_WAS_SET}"
             )
         merged = piece if held is None else _joined([held, piece])
         if (merged.t[1:] < merged.t[:-1]).any():

@@ -47,7 +47,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data_tools.files.atomic import replacing
-from data_tools.recordings.formats.csv import MARK
+from data_tools.recordings.formats.events_text import MARK
 from data_tools.recordings.formats.hdf5 import LAYOUT, VERSION
 from evcalib.errors import InputError
 from evcalib.events import Events

@@ -194,6 +194,13 @@ class RunFolder:
                 f"{self.path} holds files that are not of a calibration, such as {foreign[0]!r};"
                 " give a new or an empty folder"
             )
+        for name in names:
+            file = self.path / name
+            if file.is_symlink() or not file.is_file():
+                raise InputError(
+                    f"{file} is a link or no regular file, and would be replaced; give a new or an"
+                    " empty folder"
+                )
         self._was_marked = MARKER in names
         if CALIBRATION in names and not self._overwrite:
             raise InputError(

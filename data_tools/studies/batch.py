@@ -22,14 +22,15 @@ import numpy as np
 from data_tools.studies._engine.result import StudyResult, load_study
 from data_tools.studies._engine.run import run
 from data_tools.studies._engine.study import Cell, Study
-from data_tools.studies.batch_list import read_list
+from data_tools.studies.batch_again import take_along
+from data_tools.studies.batch_list import MOTION_OPTIONS, READING_OPTIONS, read_list
 from evcalib.alignment import Calibration
 from evcalib.errors import EvcalibError
 from evcalib.geometry import matrix_to_rpy
 
 Calibrate = Callable[..., Calibration]
 """Called with what an entry of the list has but its name, and the folder for results as
-``output``."""
+``output``, as `data_tools.runs.calibrate.run_files` is."""
 
 SUMMARY = "summary.csv"
 
@@ -110,7 +111,8 @@ def run_batch(
     """Calibrate every recording of a list that is not calibrated yet.
 
     Results of recording NAME go to ``folder/NAME``; a table of all to ``folder/summary.csv``.  Run
-    again, finished recordings are left alone, and those that failed are tried again.
+    again, finished recordings are left alone, and those that failed are tried again; so are those
+    whose entry in the list changed, or is new.
 
     Parameters
     ----------
@@ -127,7 +129,7 @@ def run_batch(
     Raises
     ------
     InputError
-        If the list is unusable, or the folder holds the results of another list.
+        If the list is unusable, or the folder holds results of another version of evcalib.
     EvcalibError
         If results cannot be written, or all workers are lost; what was finished is kept.
     """
@@ -135,6 +137,7 @@ def run_batch(
     cells = tuple(Cell(entry["name"], entry) for entry in read_list(path))
     work = partial(trial, calibrate=calibrate or _default(), folder=str(home))
     batch = Study("batch", cells, work, retry_failures=True, largest_piece=1, unit="recording")
+    take_along(batch, home)
     table = run(
         batch,
         home,
@@ -161,8 +164,13 @@ def trial(
 ) -> list[dict[str, Any]]:
     """Calibrate one recording; return its row of the summary."""
     given = {name: value for name, value in parameters.items() if name != "name"}
-    if "size" in given:
-        given["size"] = tuple(given["size"])
+    for name in ("size", "camera_position"):
+        if name in given:
+            given[name] = tuple(given[name])
+    for group, names in (("reading", READING_OPTIONS), ("motion", MOTION_OPTIONS)):
+        options = {name: given.pop(name) for name in names if name in given}
+        if options:
+            given[group] = options
     found = calibrate(**given, output=Path(folder) / parameters["name"])
     roll, pitch, yaw = np.degrees(matrix_to_rpy(found.R_body_cam))
     row = {

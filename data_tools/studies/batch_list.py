@@ -14,9 +14,12 @@ Paths are relative to the list; ``defaults`` stand for what an entry leaves out:
         size: 346x260
         max_offset: 2.0
 
-Each entry needs ``recording``, ``camera``, and either ``velocities`` or both ``wheels`` and
-``vehicle``; what an entry says of its motion replaces all that the defaults say of it.  ``name``,
-under which its results are kept, is the recording's file name up to its first point if not given.
+An entry may also have each option of ``evcalib calibrate`` under its name, with ``_`` for ``-``:
+``columns`` (a file, or the column map itself), ``topic``, ``wheel_radius``, ``time_unit``,
+``stream``, ``camera_position``...  (`KEYS`).  Each entry needs ``recording``, ``camera``, and
+either ``velocities`` or both ``wheels`` and ``vehicle``; what an entry says of its motion replaces
+all that the defaults say of it.  ``name``, under which its results are kept, is the recording's
+file name up to its first point if not given.
 """
 
 from __future__ import annotations
@@ -38,6 +41,10 @@ Entry = dict[str, Any]
 MOTION = ("wheels", "vehicle", "velocities")
 """Keys that say how the body moved."""
 
+READING_OPTIONS = ("time_unit", "format", "disorder", "stream")
+MOTION_OPTIONS = ("columns", "topic", "wheel_radius")
+"""Keys that are options of reading the events, and of reading the motion."""
+
 NAME = re.compile(r"[\w][\w .+-]*")
 
 
@@ -54,11 +61,54 @@ def _size(value: Any, home: Path) -> list[int]:
     return [int(number) for number in found.groups()]
 
 
-def _seconds(value: Any, home: Path) -> float:
-    number = isinstance(value, int | float) and not isinstance(value, bool)
-    if not (number and math.isfinite(value) and value > 0):
-        raise InputError("must be a positive number of seconds")
-    return float(value)
+def _number(least: float, words: str, *, above: bool = False) -> Callable[[Any, Path], float]:
+    """Return the reader of finite numbers from `least` on, or above it."""
+
+    def read(value: Any, home: Path) -> float:
+        number = isinstance(value, int | float) and not isinstance(value, bool)
+        if not (
+            number and math.isfinite(value) and value >= least and (value > least or not above)
+        ):
+            raise InputError(f"must be {words}")
+        return float(value)
+
+    return read
+
+
+def _whole(value: Any, home: Path) -> int:
+    if not isinstance(value, int) or isinstance(value, bool) or value < 0:
+        raise InputError("must be a whole number, not negative")
+    return value
+
+
+def _word(value: Any, home: Path) -> str:
+    if not isinstance(value, str) or not value.strip():
+        raise InputError("must be a word")
+    return value
+
+
+def _one_of(*words: str) -> Callable[[Any, Path], str]:
+    def read(value: Any, home: Path) -> str:
+        if value not in words:
+            raise InputError(f"must be one of {', '.join(words)}")
+        return str(value)
+
+    return read
+
+
+def _position(value: Any, home: Path) -> list[float]:
+    values = value.split(",") if isinstance(value, str) else value
+    try:
+        numbers = [float(number) for number in values]
+    except (TypeError, ValueError):
+        numbers = []
+    if len(numbers) != 3 or not all(map(math.isfinite, numbers)):
+        raise InputError("must be X,Y,Z in metres, like 0.3,0,0.8")
+    return numbers
+
+
+def _columns(value: Any, home: Path) -> Any:
+    return value if isinstance(value, dict) else _path(value, home)
 
 
 def _name(value: Any, home: Path) -> str:
@@ -75,7 +125,22 @@ KEYS: dict[str, Callable[[Any, Path], Any]] = {
     "vehicle": _path,
     "velocities": _path,
     "size": _size,
-    "max_offset": _seconds,
+    "max_offset": _number(0, "a positive number of seconds", above=True),
+    "offset": _number(-math.inf, "a number of seconds"),
+    "camera_position": _position,
+    "refinement": _one_of("tracks", "none"),
+    "max_slip": _number(0, "a speed in m/s, not negative"),
+    "max_yaw_rate": _number(0, "a rate in rad/s, not negative"),
+    "columns": _columns,
+    "topic": _word,
+    "wheel_radius": _number(0, "a positive number of metres", above=True),
+    "time_unit": _one_of("s", "ms", "us", "ns"),
+    "format": _word,
+    "disorder": _one_of("refuse", "sort", "drop"),
+    "stream": _word,
+    "surface": _word,
+    "rate": _number(0, "a positive number of keyframes per second", above=True),
+    "seed": _whole,
 }
 """What an entry may hold, and how each value is read."""
 

@@ -7,6 +7,10 @@ from typing import Any
 
 import numba
 
+from evcalib.kernels.cache import find_cache
+
+find_cache()
+
 
 def jit(function: Callable[..., Any]) -> Callable[..., Any]:
     """Compile a kernel: cached on disk, without the GIL, IEEE division, no fast-math."""

@@ -13,6 +13,7 @@ sensor, order in time, origin of times, size of pieces) is left to `data_tools.r
 
 from __future__ import annotations
 
+import codecs
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -23,6 +24,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from data_tools.files.pipes import refuse_pipe
 from evcalib.arrays import Flags, Integers
 from evcalib.checks import side
 from evcalib.errors import InputError
@@ -31,6 +33,9 @@ MODULES = ("text", "csv", "npz", "hdf5", "prophesee_raw", "prophesee_dat", "aeda
 """Modules of this package that are formats."""
 
 HEAD_BYTES = 4096
+
+UNITS = ("s", "ms", "us", "ns")
+"""Units of time that files may declare and callers may say."""
 
 Size = tuple[int, int]
 
@@ -61,8 +66,7 @@ class Columns(NamedTuple):
 class Options:
     """What the caller says about a recording; see :func:`data_tools.recordings.open_recording`.
 
-    `disorder` is only for formats that can name the place of a step back better than by the
-    number of the event; under ``"keep"`` they must not refuse.
+    Order in time is not the business of a format: none refuses a step back.
     """
 
     format: str | None = None
@@ -70,6 +74,25 @@ class Options:
     time_unit: str | None = None
     stream: str | None = None
     disorder: str = "refuse"
+
+    def unit(self, declared: str | None) -> str | None:
+        """Return the unit of times: what the file declares, else what the caller says, else None.
+
+        Raises
+        ------
+        InputError
+            If the file declares no known unit, or another than the caller says.
+        """
+        if declared is not None and declared not in UNITS:
+            raise InputError(
+                f"its time_unit is {declared[:20]!r}, which is none of {', '.join(UNITS)}"
+            )
+        if declared is not None and self.time_unit not in (None, declared):
+            raise InputError(
+                f"its times are in {declared}, as it says itself, not in {self.time_unit}: leave"
+                " time_unit (--time-unit) out"
+            )
+        return declared or self.time_unit
 
     def sensor(self, path: Path, declared: Size | None) -> Size:
         """Return (width, height), declared by the file or given by the caller, not both unlike."""
@@ -106,6 +129,14 @@ class Source:
         the Counter under a reason in words, like ``"bytes of a cut-off last packet"``.
     notes : tuple of str
         What the reader took for granted and the user should know.
+    guessed : str, optional
+        Unit of times that the reader took for granted, where neither the file nor the caller tells
+        it; whether it is plausible is asked of the first events.
+    fixed : str, optional
+        Unit in which the format keeps all times; a caller who says another is refused.
+    turn_us : int
+        What the reader has added [us] at each turn of the format's own clock; 0 if that is part of
+        every such file, and so not worth a word.
     """
 
     format: str
@@ -113,6 +144,9 @@ class Source:
     height: int
     pieces: Callable[[Counter[str]], Iterator[Columns]]
     notes: tuple[str, ...] = ()
+    guessed: str | None = None
+    fixed: str | None = None
+    turn_us: int = 0
 
 
 class Format(Protocol):
@@ -145,6 +179,7 @@ def find(path: Path, name: str | None) -> Format:
     InputError
         If the file cannot be read, or no format fits it.
     """
+    refuse_pipe(path)
     if name is not None:
         for module in _formats():
             if name in module.NAMES:
@@ -154,6 +189,8 @@ def find(path: Path, name: str | None) -> Format:
     for module in _formats():
         if module.matches(path, head):
             return module
+    if head[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
+        raise InputError(f"{path} is text in UTF-16; save it as UTF-8, or as plain text")
     what = "is empty" if path.is_file() and not head else "is in no format that is known"
     raise InputError(f"{path} {what}; known are {', '.join(known())}")
 

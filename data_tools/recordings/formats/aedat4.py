@@ -47,7 +47,7 @@ def open(path: Path, options: Options) -> Source:
         for events in _packets(path, layout, number):
             yield Columns(events["x"], events["y"], events["t"].astype(np.int64), events["on"] == 1)
 
-    return Source("aedat4", width, height, pieces, notes)
+    return Source("aedat4", width, height, pieces, notes, fixed="us")
 
 
 def _chosen(path: Path, numbers: list[int], options: Options) -> int:

@@ -1,20 +1,20 @@
 """CSV with a header that names the columns x, y, t, p, in any order, plain or gzip.
 
-Also ``ts``, ``time``, ``timestamp(s)`` and ``pol``, ``polarity``, ``on``.  Commas, semicolons or
-tabs separate; other columns are passed over.  Lines that start with ``#`` are comments; a comment
-of `data_tools.recordings.convert` before the header tells the sensor's size and the unit of times.
-Else times with a decimal point are seconds, and the unit of whole numbers must be said.
+Also ``ts``, ``time``, ``timestamp(s)`` and ``pol``, ``polarity``, ``on``.  Commas, semicolons, tabs
+or blanks separate; decimals have points, or commas where something else separates; other columns
+are passed over.  Lines that start with ``#`` are comments; a comment of
+`data_tools.recordings.convert` before the header tells the sensor's size and the unit of times.
+Else times with a decimal point are taken for seconds, unless that is absurd, and the unit of whole
+numbers must be said.
 """
 
 from __future__ import annotations
 
-import gzip
 import io
 import re
 import zlib
 from collections import Counter
 from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -23,17 +23,30 @@ import numpy as np
 from data_tools.files.unpack import check_ratio
 from data_tools.recordings.formats import Columns, Options, Source
 from data_tools.recordings.formats._columns import Converter, find_columns
+from data_tools.recordings.formats.events_text import (
+    MARK as MARK,
+)
+from data_tools.recordings.formats.events_text import (
+    declared,
+    declared_size,
+    head_lines,
+    opened_text,
+)
+from evcalib.checks import MAX_SIDE
 from evcalib.errors import InputError
 
 NAMES = ("csv",)
 
-MARK = "# evcalib-events"
-"""How the comment begins that `data_tools.recordings.convert` writes."""
+ORDERS = ("txyp", "xytp", "xypt", "txpy", "tpxy", "pxyt", "ptxy")
+"""Orders of columns without a header that are told apart; x is never behind y."""
 
 _BLOCK = 1 << 23
 _LINE = 1 << 16
 _SOMETHING = re.compile(rb"^[ \t]*[^#\s]", re.MULTILINE)
 _GZIP = b"\x1f\x8b"
+_FRACTION = re.compile(r"[.,eEnN]")
+_DECIMAL_COMMA = re.compile(r"\d,\d")
+_NUMBER = re.compile(r"[+-]?\d+(,\d+)?")
 
 
 @dataclass(frozen=True)
@@ -42,9 +55,10 @@ class _Head:
 
     lines: int
     names: list[str]
-    delimiter: str
+    delimiter: str | None
     declared: dict[str, str]
-    fractional: bool
+    kinds: dict[str, str]
+    comma: bool
 
 
 def matches(path: Path, head: bytes) -> bool:
@@ -63,27 +77,34 @@ def matches(path: Path, head: bytes) -> bool:
 
 def open(path: Path, options: Options) -> Source:
     """Open a CSV file of events."""
-    head = _read_head(path)
+    return open_table(path, options, "csv")
+
+
+def open_table(path: Path, options: Options, name: str, order: str | None = None) -> Source:
+    """Open a table of events with a header, or without one and its columns in an `order`.
+
+    Raises
+    ------
+    InputError
+        If there is neither, or the size or the unit of times is not to be known.
+    """
+    member = options.stream if order else None
+    head = _read_head(path, member, order)
     fields = find_columns(head.names)
     if fields is None:
         raise InputError(
             f"{path}: the header must name each of x, y, t, p once, not {', '.join(head.names)}"
         )
-    declared = [head.declared.get(name, "") for name in ("width", "height")]
-    whole = all(re.fullmatch(r"[0-9]{1,6}", side) for side in declared)
-    size = options.sensor(path, (int(declared[0]), int(declared[1])) if whole else None)
-    unit = options.time_unit or head.declared.get("time_unit")
-    if unit not in (None, "s", "ms", "us", "ns"):
-        raise InputError(f"{path}: its time_unit is {unit[:20]!r}; say time_unit='us' or another")
-    if unit is None and head.fractional:
-        unit = "s"
+    size = options.sensor(path, declared_size(head.declared))
+    unit = options.unit(head.declared.get("time_unit"))
+    guessed = None if unit or head.kinds["t"] == "i8" else "s"
+    unit = unit or guessed
     places = [head.names.index(fields[key]) for key in "xytp"]
 
     def pieces(losses: Counter[str]) -> Iterator[Columns]:
         convert = Converter(unit, unit)
-        kinds = ["i8", "i8", "f8" if head.fractional else "i8", "i8"]
-        dtype = np.dtype(list(zip("xytp", kinds, strict=True)))
-        with _opened(path) as stream:
+        dtype = np.dtype([(key, head.kinds[key]) for key in "xytp"])
+        with opened_text(path, member) as stream:
             for line, block in _blocks(stream, head.lines, path):
                 if not block.endswith(b"\n"):
                     block = _without_cut(block, places, head, losses)
@@ -93,44 +114,85 @@ def open(path: Path, options: Options) -> Source:
                 rows = _parse(block, line, places, head, dtype, path)
                 yield convert(*(rows[key] for key in "xytp"))
 
-    return Source("csv", *size, pieces)
+    notes = (f"there is no header: the columns were taken as {' '.join(order)}",) if order else ()
+    return Source(name, *size, pieces, notes, guessed)
 
 
-@contextmanager
-def _opened(path: Path) -> Iterator[io.BufferedIOBase]:
+def order_of(rows: list[str]) -> str | None:
+    """Return the order of four columns without a header, as far as their values tell.
+
+    ``"txyp"`` unless only another can be: polarities are 0 and 1 or -1 and 1, pixels are whole and
+    small, times ascend.  None where there are not four numbers in a row.
+    """
+    if not rows:
+        return None
+    delimiter, comma = _dialect(rows[0])
     try:
-        with path.open("rb") as raw:
-            packed = raw.read(2) == _GZIP
-        with gzip.open(path, "rb") if packed else path.open("rb") as stream:
-            yield stream
-    except (EOFError, zlib.error, gzip.BadGzipFile) as error:
-        raise InputError(f"{path} is damaged or cut off: {error}; fetch it again") from None
-    except OSError as error:
-        raise InputError(f"cannot read {path}: {error.strerror or error}") from None
+        table = np.array(
+            [
+                [float(cell) for cell in (row.replace(",", ".") if comma else row).split(delimiter)]
+                for row in rows
+            ]
+        )
+    except ValueError:
+        table = np.empty((0, 0))
+    if table.ndim != 2 or table.shape[1] != 4:
+        width = len(rows[0].split(delimiter))
+        return ORDERS[0] if width == 4 and delimiter not in (None, ",", "\t") else None
+    fitting = [order for order in ORDERS if _fits(dict(zip(order, table.T, strict=True)))]
+    return fitting[0] if len(fitting) == 1 else ORDERS[0]
 
 
-def _read_head(path: Path) -> _Head:
-    with _opened(path) as stream:
-        lines = [stream.readline(_LINE).decode("utf-8-sig", "replace") for _ in range(64)]
-    found = _named(lines)
-    if found is None:
-        raise InputError(f"{path} has no header that names the columns x, y, t, p")
-    row, names, delimiter = found
-    comments = " ".join(line for line in lines[:row] if line.startswith(MARK))
-    first = next((line for line in lines[row + 1 :] if _is_data(line)), "")
-    cells = first.split(delimiter)
+def _fits(columns: dict[str, np.ndarray]) -> bool:
+    pixels = np.concatenate([columns["x"], columns["y"]])
+    t, p = columns["t"], columns["p"]
+    return bool(
+        (np.abs(p) <= 1).all()
+        and ((pixels >= 0) & (pixels <= MAX_SIDE) & (np.rint(pixels) == pixels)).all()
+        and np.count_nonzero(np.diff(t) < 0) <= 0.1 * t.size
+        and (t.size < 2 or np.ptp(t) > 0)
+    )
+
+
+def _dialect(row: str) -> tuple[str | None, bool]:
+    """Return what separates the cells of a row (None: blanks), and whether decimals have commas."""
+    for delimiter in (";", "\t"):
+        if delimiter in row:
+            return delimiter, bool(_DECIMAL_COMMA.search(row))
+    cells = row.split()
+    if len(cells) > 1 and "," in row and all(_NUMBER.fullmatch(cell) for cell in cells):
+        return None, True
+    return ("," if "," in row else None), False
+
+
+def _read_head(path: Path, member: str | None, order: str | None) -> _Head:
+    lines = head_lines(path, member)
+    if order is None:
+        found = _named(lines[:64])
+        if found is None:
+            raise InputError(f"{path} has no header that names the columns x, y, t, p")
+        row, names, delimiter = found
+        rows = [line for line in lines[row + 1 :] if _is_data(line)]
+        comma = delimiter != "," and bool(rows) and bool(_DECIMAL_COMMA.search(rows[0]))
+    else:
+        row, names = -1, list(order)
+        rows = [line for line in lines if _is_data(line)]
+        delimiter, comma = _dialect(rows[0])
     fields = find_columns(names)
-    time = names.index(fields["t"]) if fields else 0
-    fractional = time < len(cells) and bool(re.search(r"[.eE]", cells[time]))
-    return _Head(row + 1, names, delimiter, dict(re.findall(r"(\w+)=(\S+)", comments)), fractional)
+    kinds = {}
+    for key in "xytp":
+        place = names.index(fields[key]) if fields else 0
+        cells = [cells[place] for cells in (r.split(delimiter) for r in rows) if place < len(cells)]
+        kinds[key] = "f8" if any(_FRACTION.search(cell) for cell in cells) else "i8"
+    return _Head(row + 1, names, delimiter, declared(lines), kinds, comma)
 
 
-def _named(lines: list[str]) -> tuple[int, list[str], str] | None:
+def _named(lines: list[str]) -> tuple[int, list[str], str | None] | None:
     """Return number, column names and delimiter of the header, if it is one."""
     for row, line in enumerate(lines):
         if not _is_data(line):
             continue
-        for delimiter in (",", ";", "\t"):
+        for delimiter in (",", ";", "\t", None):
             names = [name.strip().strip('"') for name in line.split(delimiter)]
             if find_columns(names) is not None:
                 return row, names, delimiter
@@ -182,6 +244,8 @@ def _parse(
 ) -> np.ndarray:
     if not _SOMETHING.search(block):
         return np.empty(0, dtype=dtype)
+    if head.comma:
+        block = block.replace(b",", b".")
     try:
         return np.loadtxt(
             io.BytesIO(block),

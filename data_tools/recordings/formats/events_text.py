@@ -1,31 +1,42 @@
 """Reader of events as text, one `t x y p` per line: plain, gzip, or inside a zip.
 
 That is the form of the Event Camera Dataset (Mueggler et al. 2017).  Blanks, tabs and commas
-separate the columns; empty lines and lines that start with ``#`` are passed over.
+separate the columns; empty lines and lines that start with ``#`` are passed over, and so is the
+mark of UTF-8 at the start.  Other dialects are read by `data_tools.recordings.formats.csv`.
 """
 
 from __future__ import annotations
 
+import codecs
 import gzip
 import io
+import itertools
+import re
 import zipfile
 import zlib
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from data_tools.files.archives import open_member, opened_zip
 from data_tools.files.unpack import check_ratio
-from data_tools.recordings.formats import Columns
+from data_tools.recordings.formats import Columns, Size
 from data_tools.recordings.formats import _events_text_kernels as kernels
 from evcalib import checks
 from evcalib._event_columns import MAX_TIME_US
 from evcalib.arrays import Integers
 from evcalib.errors import InputError
 from evcalib.events import Events
+
+MARK = "# evcalib-events"
+"""How the comment begins that `data_tools.recordings.convert` writes."""
+
+HEAD = 1 << 16
+"""Bytes from which the dialect of a text is seen."""
 
 _POWER = {"s": 6, "ms": 3, "us": 0, "ns": -3}
 _SHORTEST_LINE = len("0 0 0 0\n")
@@ -111,7 +122,7 @@ def read_text_columns(
     state = np.zeros(kernels.STATE_SIZE, dtype=np.int64)
     unit = None if time_unit is None else _POWER[time_unit]
     total = 0
-    with _opened(path, member) as stream:
+    with opened_text(path, member) as stream:
         for text in _whole_lines(stream, path, int(block_bytes)):
             if unit is None:
                 unit = _unit_of(text, path)
@@ -135,27 +146,81 @@ def load_events_text(
 
 
 @contextmanager
-def _opened(path: Path, member: str | None) -> Iterator[io.BufferedIOBase]:
-    """Open the text under its compression; damage inside becomes an InputError."""
+def opened_text(path: Path, member: str | None = None) -> Iterator[io.BufferedIOBase]:
+    """Open a text under its compression, without its byte-order mark and with Unix ends of lines.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, or the compressed data is damaged.
+    """
     try:
         with path.open("rb") as file:
             start = file.read(4)
         if start[:2] == b"\x1f\x8b":
             with gzip.open(path, "rb") as stream:
-                yield stream
+                yield _plain(stream)
         elif start == b"PK\x03\x04":
             with (
                 opened_zip(path) as archive,
                 open_member(archive, _member(archive, path, member)) as stream,
             ):
-                yield stream  # type: ignore[misc]
+                yield _plain(stream)
         else:
             with path.open("rb") as stream:
-                yield stream
+                yield _plain(stream)
     except (EOFError, zlib.error, gzip.BadGzipFile) as error:
         raise InputError(f"{path} is damaged or cut off: {error}; fetch it again") from None
     except OSError as error:
         raise InputError(f"cannot read {path}: {error.strerror or error}") from None
+
+
+def head_lines(path: Path, member: str | None = None) -> list[str]:
+    """Return the first lines of a text, as many as fit into `HEAD`; the last one is whole."""
+    with opened_text(path, member) as stream:
+        text = stream.read(HEAD)
+    if len(text) == HEAD:
+        text = text[: text.rfind(b"\n") + 1] or text
+    return text.decode("utf-8", "replace").splitlines()
+
+
+def declared(lines: list[str]) -> dict[str, str]:
+    """Return what the comment of `data_tools.recordings.convert` says of size and unit."""
+    comments = itertools.takewhile(lambda line: not line.strip() or line.startswith("#"), lines)
+    marked = " ".join(line for line in comments if line.startswith(MARK))
+    return dict(re.findall(r"(\w+)=(\S+)", marked))
+
+
+def declared_size(told: dict[str, str]) -> Size | None:
+    """Return the size that a comment declares, if it does."""
+    sides = [told.get(name, "") for name in ("width", "height")]
+    if not all(re.fullmatch(r"[0-9]{1,6}", side) for side in sides):
+        return None
+    return int(sides[0]), int(sides[1])
+
+
+def _plain(stream: Any) -> io.BufferedIOBase:
+    """Return a stream after the mark of UTF-8; a text of the old Mac's lines with ours."""
+    head = stream.read(HEAD)
+    stream.seek(len(codecs.BOM_UTF8) if head.startswith(codecs.BOM_UTF8) else 0)
+    if b"\r" in head and b"\n" not in head:
+        return io.BufferedReader(_UnixLines(stream), HEAD)
+    return stream
+
+
+class _UnixLines(io.RawIOBase):
+    """A stream in which each carriage return is the end of a line."""
+
+    def __init__(self, stream: io.BufferedIOBase) -> None:
+        self._stream = stream
+
+    def readable(self) -> bool:
+        return True
+
+    def readinto(self, buffer: Any) -> int:
+        block = self._stream.read(len(buffer))
+        buffer[: len(block)] = block.replace(b"\r", b"\n")
+        return len(block)
 
 
 def _member(archive: zipfile.ZipFile, path: Path, member: str | None) -> str:
@@ -198,11 +263,13 @@ def _unit_of(text: bytes, path: Path) -> int | None:
         words = line.replace(b",", b" ").split()
         if not words or words[0].startswith(b"#"):
             continue
-        if b"." in words[0] or len(words) != 4:  # other than four words: left to the parser
+        if (
+            re.search(rb"[.eE]", words[0]) or len(words) != 4
+        ):  # other than four words: left to the parser
             return _POWER["s"]
         raise InputError(
             f"{path}: the first time, {_shown(words[0])}, has no decimal point; say time_unit='us',"
-            " 's', 'ms' or 'ns'"
+            " 's', 'ms' or 'ns' (--time-unit us)"
         )
     return None
 

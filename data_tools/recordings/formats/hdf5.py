@@ -49,6 +49,9 @@ _DAMAGE = (
     NotImplementedError,
 )
 
+_IN_USE = ("unable to lock file", "already open for write", "already open for SWMR")
+"""What HDF5 says of a file that is sound, but locked or marked as being written."""
+
 _TOLD = ("width", "height", "geometry", "time_unit", "version", "origin_us", "count")
 _ROWS = 1 << 19
 _CACHE = 1 << 26
@@ -92,7 +95,8 @@ def open(path: Path, options: Options) -> Source:
                 piece = convert(*raw)
                 yield piece._replace(t=piece.t + shift) if shift else piece
 
-    return Source(stream.format, *size, pieces, notes)
+    guessed = None if unit[1] else unit[0]
+    return Source(stream.format, *size, pieces, notes, guessed)
 
 
 @contextmanager
@@ -105,6 +109,12 @@ def _file(path: Path) -> Iterator[h5py.File]:
         raise InputError(str(error) if str(path) in str(error) else f"{path}: {error}") from None
     except _DAMAGE as error:
         why = " ".join(str(error).split())[:500]
+        if any(word in why for word in _IN_USE):
+            raise InputError(
+                f"{path} is in use by another program, or was not closed after writing, or its"
+                " folder has no locks: close the other program; for a folder without locks set"
+                " HDF5_USE_FILE_LOCKING=FALSE; for a file that was never closed: h5clear -s FILE"
+            ) from None
         raise InputError(f"{path} is damaged or cut off, says HDF5: {why}") from None
 
 
@@ -236,15 +246,12 @@ def _declared_size(attributes: dict[str, Any]) -> Size | None:
 def _unit(
     attributes: dict[str, Any], options: Options, stream: _Stream
 ) -> tuple[str | None, str | None]:
-    """Return the units of whole and of fractional times."""
-    if options.time_unit is not None:
-        return options.time_unit, options.time_unit
-    declared = _text(attributes.get("time_unit", ""))
-    if declared:
-        if declared not in ("s", "ms", "us", "ns"):
-            raise InputError(f"the attribute time_unit is {declared!r}: say time_unit='us', ...")
-        return declared, declared
-    return "us", "s" if stream.format == "mvsec" else None
+    """Return the units of whole and of fractional times; MVSEC's are seconds by its layout."""
+    declared = _text(attributes.get("time_unit", "")) or None
+    if declared is None and stream.format == "mvsec":
+        declared = "s"
+    unit = options.unit(declared)
+    return unit or "us", unit
 
 
 def _shift(file: h5py.File, stream: _Stream, attributes: dict[str, Any]) -> int:

@@ -54,9 +54,8 @@ def open(path: Path, options: Options) -> Source:
         if len(set(lengths.values())) > 1 or any(len(shape) != 1 for shape in lengths.values()):
             raise InputError(f"{path}: the columns must be of one length, not {lengths}")
         size = options.sensor(path, _declared_size(archive))
-        unit = options.time_unit or _value(archive, "time_unit")
-    if unit is not None and unit not in ("s", "ms", "us", "ns"):
-        raise InputError(f"{path}: its time_unit is {unit!r}; say time_unit='us' or another")
+        told = _value(archive, "time_unit")
+        unit = options.unit(None if told is None else str(told))
 
     def pieces(losses: Counter[str]) -> Iterator[Columns]:
         convert = Converter(unit or "us", unit)
@@ -68,7 +67,7 @@ def open(path: Path, options: Options) -> Source:
                 left -= count
                 yield convert(*(streams[key].read(count, last=not left) for key in "xytp"))
 
-    return Source("npz", *size, pieces)
+    return Source("npz", *size, pieces, guessed=None if unit else "us")
 
 
 def _arrays(members: list[str]) -> list[str]:

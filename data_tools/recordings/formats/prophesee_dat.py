@@ -49,7 +49,7 @@ def open(path: Path, options: Options) -> Source:
             if rest:
                 losses["bytes of a cut-off last event"] += rest
 
-    return Source("dat", width, height, pieces)
+    return Source("dat", width, height, pieces, fixed="us", turn_us=1 << 32)
 
 
 def _check_records(path: Path, header: Header) -> None:

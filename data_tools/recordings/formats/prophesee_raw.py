@@ -64,7 +64,7 @@ def open(path: Path, options: Options) -> Source:
         decoder.finish()
         losses.update(decoder.take_losses())
 
-    return Source(name, width, height, pieces, notes)
+    return Source(name, width, height, pieces, notes, fixed="us")
 
 
 def _encoding(path: Path, header: Header, options: Options) -> str:

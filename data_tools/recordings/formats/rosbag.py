@@ -62,7 +62,8 @@ def _open_arrays(bag: Bag, topic: Topic, options: Options) -> Source:
     def read(bag: Bag, losses: Counter[str]) -> Iterator[tuple[Size, Columns]]:
         return (_event_arrays.read_array(raw, ros, order) for raw in bag.messages(topic))
 
-    return Source("rosbag", *size, _pieces(path, size, read), (f"topic {topic.name}",))
+    notes = (f"topic {topic.name}",)
+    return Source("rosbag", *size, _pieces(path, size, read), notes, fixed="ns")
 
 
 def _open_packets(bag: Bag, topic: Topic, options: Options) -> Source:
@@ -89,7 +90,7 @@ def _open_packets(bag: Bag, topic: Topic, options: Options) -> Source:
             yield sensor, columns
 
     notes = (f"topic {topic.name}, encoding {encoding}", *_clock_notes(clock))
-    return Source("rosbag", *size, _pieces(path, size, read), notes)
+    return Source("rosbag", *size, _pieces(path, size, read), notes, fixed="ns")
 
 
 def _pieces(

@@ -1,4 +1,7 @@
-"""Text, one `t x y p` per line: plain, gzip, or inside a zip."""
+"""Text, one `t x y p` per line: plain, gzip, or inside a zip; the columns in any other order too.
+
+There is no header, so what the columns are is seen from the first lines, and told in the notes.
+"""
 
 from __future__ import annotations
 
@@ -10,12 +13,21 @@ from pathlib import Path
 
 from data_tools.files.archives import member_names
 from data_tools.recordings.formats import Columns, Options, Source
-from data_tools.recordings.formats.events_text import read_text_columns
+from data_tools.recordings.formats.csv import open_table, order_of
+from data_tools.recordings.formats.events_text import (
+    declared,
+    declared_size,
+    head_lines,
+    read_text_columns,
+)
 
 NAMES = ("text",)
 
 # A line that starts like a number, of printable characters: the parser says what is wrong with it.
 _LINE = re.compile(rb"[+-]?\.?\d[\t -~]*")
+
+# What the quick parser reads: numbers without a plus, whole ones after the first.
+_QUICK = re.compile(r"\s*[\d.eE+-]+[ \t,]+-?\d+[ \t,]+-?\d+[ \t,]+-?\d+[\s,]*")
 
 
 def matches(path: Path, head: bytes) -> bool:
@@ -29,24 +41,32 @@ def matches(path: Path, head: bytes) -> bool:
 
 def open(path: Path, options: Options) -> Source:
     """Open a text of events; `options.stream` is the name inside a zip."""
-    width, height = options.sensor(path, None)
+    lines = head_lines(path, options.stream)
+    rows = [line for line in lines if line.strip() and not line.startswith("#")]
+    order = order_of(rows)
+    if order is not None and (order != "txyp" or _QUICK.fullmatch(rows[0]) is None):
+        return open_table(path, options, "text", order)
+    told = declared(lines)
+    width, height = options.sensor(path, declared_size(told))
+    unit = options.unit(told.get("time_unit"))
 
     def pieces(losses: Counter[str]) -> Iterator[Columns]:
         return read_text_columns(
             path,
             width,
             height,
-            time_unit=options.time_unit,
+            time_unit=unit,
             member=options.stream,
-            in_order=options.disorder == "refuse",
+            in_order=False,
             losses=losses,
         )
 
-    return Source("text", width, height, pieces)
+    notes = ("there is no header: the columns were taken as t x y p",)
+    return Source("text", width, height, pieces, notes, None if unit else "s")
 
 
 def _is_text(head: bytes) -> bool:
-    *whole, last = head.split(b"\n")
+    *whole, last = re.split(rb"[\r\n]", head.removeprefix(b"\xef\xbb\xbf"))
     for line in (*whole, last):
         line = line.strip()
         if line and not line.startswith(b"#"):

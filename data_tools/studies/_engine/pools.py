@@ -9,7 +9,10 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import re
 import signal
+import socket
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -194,15 +197,34 @@ def _cluster(address: str) -> Iterator[Any]:
         from distributed import Client
     except ImportError:
         raise InputError('a scheduler needs Dask: pip install "evcalib[distributed]"') from None
+    told = (
+        f"the scheduler {address} cannot be reached%s; start one with `dask scheduler` and give the"
+        " address that it prints, like tcp://127.0.0.1:8786"
+    )
+    if not re.search(r":\d+/?$", address) and "://" not in address:
+        raise InputError(told % ": the address has no port")
     try:
-        client = Client(address, timeout=CONNECT, set_as_default=False)
+        client = _connected(Client, address)
     except (OSError, ValueError) as error:
-        raise InputError(
-            f"the scheduler {address} cannot be reached ({error}); start one with `dask scheduler`"
-            " and give the address that it prints"
-        ) from None
+        raise InputError(told % f" ({error})") from None
+    if not client.nthreads():
+        print(
+            f"evcalib: waiting for workers: the scheduler has none; start some with `dask worker"
+            f" {address}`, or stop with Ctrl-C",
+            file=sys.stderr,
+            flush=True,
+        )
     with client:
         yield client
+
+
+def _connected(client: Any, address: str) -> Any:
+    """Connect; where nobody listens that is seen before Dask tries, which leaves a half client."""
+    host, _, port = address.rpartition("://")[2].rstrip("/").rpartition(":")
+    if port.isdigit():
+        with socket.create_connection((host.strip("[]"), int(port)), timeout=CONNECT):
+            pass
+    return client(address, timeout=CONNECT, set_as_default=False)
 
 
 @contextmanager
