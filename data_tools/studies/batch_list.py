@@ -75,6 +75,7 @@ KEYS: dict[str, Callable[[Any, Path], Any]] = {
     "vehicle": _path,
     "velocities": _path,
     "size": _size,
+    "camera_name": _name,
     "max_offset": _seconds,
 }
 """What an entry may hold, and how each value is read."""

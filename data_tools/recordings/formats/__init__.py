@@ -35,6 +35,10 @@ HEAD_BYTES = 4096
 Size = tuple[int, int]
 
 
+class SizeUnknown(InputError):
+    """Neither the recording nor the caller tells the sensor size."""
+
+
 class Columns(NamedTuple):
     """Events as a file has them: not checked, not shifted, perhaps out of order.
 
@@ -74,7 +78,7 @@ class Options:
     def sensor(self, path: Path, declared: Size | None) -> Size:
         """Return (width, height), declared by the file or given by the caller, not both unlike."""
         if declared is None and self.size is None:
-            raise InputError(
+            raise SizeUnknown(
                 f"{path} does not tell the sensor size; give width and height (--size)"
             )
         if declared is not None and self.size is not None and declared != self.size:
