@@ -129,8 +129,8 @@ class CameraFile:
             )
         if any(abs(at - half) > OFF_CENTRE * side for at, half, side in (centre, middle)):
             notes.append(
-                f"{point} is far from the centre of {camera.width}x{camera.height} pixels: is it the"
-                " calibration of another resolution, or of a cut-out?"
+                f"{point} is far from the centre of {camera.width}x{camera.height} pixels: is it"
+                " the calibration of another resolution, or of a cut-out?"
             )
         return tuple(notes)
 

@@ -15,7 +15,6 @@ from data_tools.logs.cameras._intrinsics import (
     named,
     number,
     numbers,
-    plain_key,
     plain_keys,
     size_of,
     whole_size,
