@@ -120,6 +120,55 @@ def dat():
     return b"% Version 2\n% Width 64\n% Height 48\n" + naive.dat_records(rows())
 
 
+def aedat2(chip="eu.seebetter.ini.chips.davis.DAVIS240C", size=(240, 180), extra=True):
+    """Return AEDAT 2.0: among the events a sample of a frame, one of the IMU and a trigger."""
+    head = "#!AER-DAT2.0\r\n# This is a raw AE data file - do not edit\r\n"
+    head += f"# AEChip: {chip}\r\n#End Of ASCII Header\r\n" if chip else ""
+    words = []
+    for t, x, y, p in rows():
+        x, y = size[0] - 1 - x, size[1] - 1 - y
+        words += [
+            x << 1 | y << 8 | (1 - p) if size == (128, 128) else y << 22 | x << 12 | p << 11,
+            t,
+        ]
+    others = [0x8000] if size == (128, 128) else [0x80C01005, 0x90C01800, 0x00C01400]
+    for k, address in enumerate(others if extra else ()):
+        words[20 * k + 2 : 20 * k + 2] = [address, words[20 * k + 1]]
+    return head.encode() + struct.pack(f">{len(words)}I", *words)
+
+
+def aedat3(step=50, sources=("DVS128",), kinds=(1,)):
+    """Return AEDAT 3.1, in packets of some events, those of each kind in turn."""
+    named = "".join(f"#Source {k}: {name}\r\n" for k, name in enumerate(sources))
+    head = f"#!AER-DAT3.1\r\n#Format: RAW\r\n{named}#-Source 7: DAVIS640\r\n#!END-HEADER\r\n"
+    packets = b""
+    for first in range(0, COUNT, step):
+        part = rows()[first : first + step]
+        for source, kind in enumerate(kinds):
+            count = len(part)
+            packets += struct.pack("<hhiiiiii", kind, source, 8, 4, 0, count, count, count)
+            packets += b"".join(
+                struct.pack("<Ii", 1 | p << 1 | y << 2 | x << 17, t) for t, x, y, p in part
+            )
+    return head.encode() + packets
+
+
+def es(kind=1, version=2):
+    """Return an Event Stream file of a DVS (1) or an ATIS (2), with a reset before each tenth."""
+    full, bits = (63, 2) if kind == 2 else (127, 1)
+    content, now = b"", 5_000_000 - 200
+    for k, (t, x, y, p) in enumerate(rows()):
+        now = t - 200 if not k else now
+        content += b"\xfc" * 5 if kind == 2 and k % 10 == 9 else b"\xfe" * 5 * (k % 10 == 9)
+        loops, rest = divmod(t - now, full)
+        content += (b"\xfd" if kind == 2 else b"\xff") * loops
+        content += struct.pack("<BHH", rest << bits | p << (bits - 1), x, y)
+        now = t
+    return (
+        b"Event Stream" + bytes([version, 0, 0, kind]) + struct.pack("<HH", WIDTH, HEIGHT) + content
+    )
+
+
 def bag(kind, type="dvs_msgs/msg/EventArray", chunk=2000):
     """Return the one file of a bag of events; `kind` is one of `bag_writing.KINDS`."""
     from bag_writing import Maker

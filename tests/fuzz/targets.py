@@ -188,6 +188,11 @@ TARGETS: dict[str, Target] = {
         _events(),
         lambda: [seeds.aedat4_made(), seeds.aedat4_made(bytes, 0)],
     ),
+    "aedat2": Target(
+        ".aedat", _events(), lambda: [seeds.aedat2(), seeds.aedat2("DVS128", (128, 128))]
+    ),
+    "aedat3": Target(".aedat", _events(), lambda: [seeds.aedat3(), seeds.aedat3(kinds=(1, 2))]),
+    "es": Target(".es", _events(), lambda: [seeds.es(), seeds.es(2)]),
     "rosbag1": Target(
         ".bag",
         _events(),
