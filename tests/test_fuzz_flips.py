@@ -15,7 +15,7 @@ from fuzz.targets import TARGETS, attempt, read_events
 from evcalib.errors import InputError
 
 EVENTS = ("text", "text-gzip", "text-zip", "csv", "npz", "hdf5", "evt2", "evt3", "dat", "aedat4")
-EVENTS += ("aedat2", "aedat3", "es")
+EVENTS += ("aedat2", "aedat3", "es", "npy", "mat")
 BAGS = ("rosbag1", "rosbag2-sqlite3", "rosbag2-mcap", "rosbag2-metadata")
 OTHERS = [name for name in TARGETS if name not in (*EVENTS, *BAGS)]
 SLOW = {"npz": 120, "hdf5": 25, "rosbag1": 30, "rosbag2-sqlite3": 15, "rosbag2-mcap": 30}

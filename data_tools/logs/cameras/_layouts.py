@@ -87,7 +87,9 @@ def _walk(
 def _parts(node: Node) -> list[tuple[str, Any]] | None:
     """Return the cameras of lists that tell sizes apart (Basalt), and of OpenCV's stereo files."""
     inside = node.get("intrinsics")
-    if isinstance(inside, list) and any("camera_type" in one for one in inside if isinstance(one, Mapping)):
+    if isinstance(inside, list) and any(
+        "camera_type" in one for one in inside if isinstance(one, Mapping)
+    ):
         sizes = node.get("resolution")
         told = (
             sizes if isinstance(sizes, list) and len(sizes) == len(inside) else [None] * len(inside)

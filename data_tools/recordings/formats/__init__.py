@@ -27,7 +27,10 @@ from evcalib.arrays import Flags, Integers
 from evcalib.checks import side
 from evcalib.errors import InputError
 
-MODULES = ("text", "csv", "npz", "hdf5", "prophesee_raw", "prophesee_dat", "aedat4", "rosbag")
+MODULES = (
+    *("aedat2", "aedat3", "aedat4", "es", "text", "csv", "npz", "npy", "mat", "hdf5"),
+    *("prophesee_raw", "prophesee_dat", "rosbag"),
+)
 """Modules of this package that are formats."""
 
 HEAD_BYTES = 4096

@@ -57,11 +57,10 @@ def open(path: Path, options: Options) -> Source:
             words = np.frombuffer(block, ">u4", len(block) // RECORD_BYTES * 2)
             x, y, t, p = (_dvs128 if dvs else _davis)(words.reshape(-1, 2).astype(np.int64))
             x, y = width - 1 - x, height - 1 - y
-            outside = (x < 0) | (y < 0)
-            if outside.any():
-                losses["events outside the sensor"] += int(np.count_nonzero(outside))
-                x, y, t, p = (column[~outside] for column in (x, y, t, p))
-            yield Columns(x.astype(np.uint16), y.astype(np.uint16), clock(t), p)
+            keep = (x >= 0) & (y >= 0)
+            losses["events outside the sensor"] += int(np.count_nonzero(~keep))
+            xs, ys = x[keep].astype(np.uint16), y[keep].astype(np.uint16)
+            yield Columns(xs, ys, clock(t[keep]), p[keep])
             rest = len(block) % RECORD_BYTES
             if rest:
                 losses["bytes of a cut-off last event"] += rest
