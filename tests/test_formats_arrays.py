@@ -10,7 +10,7 @@ from fuzz.targets import SIZE, read_events
 
 from data_tools.files import unpack
 from data_tools.recordings import open_recording
-from data_tools.recordings.formats import mat
+from data_tools.recordings.formats import _mat5, mat
 from data_tools.recordings.formats._tables import column_order
 from evcalib.errors import InputError
 
@@ -132,7 +132,8 @@ def test_mat_files_that_unpack_without_end_are_refused(write, monkeypatch):
     content = seeds.mat()[:128] + b"\x0f\0\0\0" + len(bomb).to_bytes(4, "little") + bomb
     with pytest.raises(InputError, match="unpack to"):
         open_recording(write(content, ".mat"), size=SIZE)
-    monkeypatch.setattr(mat, "LARGEST", 1000)
+    for module in (mat, _mat5):
+        monkeypatch.setattr(module, "LARGEST", 1000)
     with pytest.raises(InputError, match="save it as version 7"):
         open_recording(write(seeds.mat(), ".mat"), size=SIZE)
 
