@@ -456,6 +456,17 @@ def test_what_may_be_wrong_with_a_camera_is_told(write):
     assert "800 and 400 were taken for the size of a panorama" in notes[0]
 
 
+def test_a_camera_that_is_cut_off_before_its_distortion_is_none_without(write):
+    start = ROS.index("distortion_coefficients")
+    for text in (ROS[:start], ROS[: start + 35]):
+        with pytest.raises(InputError, match=r"misses the (coefficients of its )?distortion"):
+            read_camera(write(text))
+    camera, notes = read_camera_file(write(OPENCV[: OPENCV.index("Distortion")])).choose()
+    assert camera == PLAIN
+    assert "says nothing of distortion" in notes[0]
+    assert read_camera(write(ROS.replace("[-0.37, 0.15, 0.001, -0.002, 0.03]", "[]"))) == PLAIN
+
+
 def test_a_last_number_that_may_be_cut_off_is_told_where_the_camera_hangs_on_it(write):
     block = IKALIBR.replace("[-0.37, 0.15, 0.03, 0.001, -0.002]\n", "")
     block += "".join(f"\n        - {k}" for k in (-0.37, 0.15, 0.03, 0.001, -0.002))

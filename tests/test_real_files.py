@@ -1,4 +1,4 @@
-"""All real recordings that there are: read, with their counts, or refused for a reason that is true.
+"""All real recordings: read, with their counts, or refused for a reason that is true.
 
 The real camera files are in `test_camera_files.py`.
 """

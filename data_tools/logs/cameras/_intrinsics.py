@@ -120,7 +120,7 @@ def numbers(node: Node, key: str, label: str, count: int | None = None) -> list[
     InputError
         If they are missing, no numbers, or not as many as must be.
     """
-    if key not in node:
+    if key not in node or (isinstance(node[key], Mapping) and "data" not in node[key]):
         raise InputError(f"it misses {label}")
     value = node[key]
     values = flat(value)

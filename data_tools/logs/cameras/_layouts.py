@@ -140,14 +140,17 @@ def _from_matrix_lines(lines: list[list[float]]) -> Intrinsics:
 def _from_matrix(node: Node) -> Intrinsics:
     """Read ROS camera_info, OpenCV's files, DV's XML and Metavision's JSON."""
     focal = matrix(numbers(node, next(k for k in _MATRICES if k in node), "the camera matrix"))
-    key = next((k for k in _DISTORTIONS if node.get(k) is not None), None)
-    given = [] if key is None else numbers(node, key, "the distortion")
     told = [word(node, key) for key in ("distortionmodel", "cameramodel")]
     model = next((one for one in told if one not in PLAIN), "")
-    fisheye = any(
-        word(node, k) not in ("", "0", "false") for k in ("usefisheyemodel", "fisheyemodel")
-    )
-    return intrinsics(focal, given, model or ("fisheye" if fisheye else ""), size_of(node))
+    switches = [word(node, key) for key in ("usefisheyemodel", "fisheyemodel")]
+    if not model and any(switch not in ("", "0", "false") for switch in switches):
+        model = "fisheye"
+    key = next((k for k in _DISTORTIONS if node.get(k) is not None), None)
+    if key is None and model:
+        raise InputError(f"it misses the coefficients of its distortion, {model}")
+    given = [] if key is None else numbers(node, key, "the distortion")
+    note = "it says nothing of distortion, and none was taken" if key is None else ""
+    return intrinsics(focal, given, model, size_of(node), note)
 
 
 def _from_chain(node: Node) -> Intrinsics:
