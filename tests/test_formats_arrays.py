@@ -138,6 +138,16 @@ def test_mat_files_that_unpack_without_end_are_refused(write, monkeypatch):
         open_recording(write(seeds.mat(), ".mat"), size=SIZE)
 
 
+def test_four_events_of_matlab_are_four(tmp_path):
+    import h5py
+
+    path = tmp_path / "input.h5"
+    with h5py.File(path, "w", userblock_size=512) as file:
+        for name in "xytp":
+            file[f"TD/{name}"] = np.arange(4)[None] % (2 if name == "p" else 9)
+    assert read_events(path, size=SIZE)[0][0].tolist() == [0, 1, 2, 3]
+
+
 def test_a_table_beside_named_columns_is_none_of_events(tmp_path):
     import h5py
 

@@ -67,6 +67,11 @@ class _Stream:
     name: str
     fields: dict[str, str] | None = None
 
+    @property
+    def table(self) -> bool:
+        """Whether events are rows of four numbers."""
+        return self.format in ("mvsec", "hdf5-table")
+
 
 def matches(path: Path, head: bytes) -> bool:
     """Tell whether the file is HDF5."""
@@ -88,7 +93,7 @@ def open(path: Path, options: Options) -> Source:
         unit = _unit(attributes, options, stream)
         order = {key: k for k, key in enumerate("xytp")}
         if stream.format == "hdf5-table":
-            order, note = column_order(_part(columns[0], 0, min(rows, SAMPLE)))
+            order, note = column_order(_part(columns[0], 0, min(rows, SAMPLE), True))
             notes = (*notes, note)
         if file.userblock_size:
             notes = (*notes, FROM_ONE)
@@ -97,7 +102,7 @@ def open(path: Path, options: Options) -> Source:
         convert = Converter(*unit)
         with _file(path) as file:
             columns = _columns(file, stream)
-            step = _step(columns)
+            step = _step(columns, stream.table)
             for start in range(0, rows, step):
                 raw = _read(columns, stream, order, start, min(start + step, rows))
                 piece = convert(*raw)
@@ -195,8 +200,8 @@ def _columns(file: h5py.File, stream: _Stream) -> list[h5py.Dataset]:
 
 
 def _rows(columns: list[h5py.Dataset], stream: _Stream) -> int:
-    if stream.format in ("mvsec", "hdf5-table"):
-        return int(columns[0].shape[_long(columns[0])])
+    if stream.table:
+        return int(columns[0].shape[_long(columns[0], True)])
     vectors = [c.ndim == 1 or (c.ndim == 2 and 1 in c.shape) for c in columns]
     lengths = [c.size if vector else -1 for c, vector in zip(columns, vectors, strict=True)]
     if len(set(lengths)) > 1 or lengths[0] < 0:
@@ -205,27 +210,28 @@ def _rows(columns: list[h5py.Dataset], stream: _Stream) -> int:
     return lengths[0]
 
 
-def _long(column: h5py.Dataset) -> int:
-    """Return the axis of a dataset along which events follow one another."""
-    return 1 if column.ndim == 2 and column.shape[0] in (1, 4) and column.shape[1] != 4 else 0
+def _long(column: h5py.Dataset, table: bool) -> int:
+    """Return the axis along which events follow one another: in rows of four, or in a vector."""
+    side = 4 if table else 1
+    return int(column.ndim == 2 and column.shape[0] == side and column.shape[1] != side)
 
 
-def _part(column: h5py.Dataset, start: int, stop: int) -> NDArray:
-    """Return some events of a dataset: a vector, or rows of four."""
-    block = column[:, start:stop].T if _long(column) else column[start:stop]
-    return block[:, 0] if column.ndim == 2 and 1 in column.shape else block
+def _part(column: h5py.Dataset, start: int, stop: int, table: bool) -> NDArray:
+    """Return some events of a dataset: rows of four, or a vector."""
+    block = column[:, start:stop].T if _long(column, table) else column[start:stop]
+    return block if table or column.ndim == 1 else block.ravel()
 
 
 def _read(
     columns: list[h5py.Dataset], stream: _Stream, order: dict[str, int], start: int, stop: int
 ) -> list[NDArray]:
     try:
-        blocks = [_part(column, start, stop) for column in columns]
+        blocks = [_part(column, start, stop, stream.table) for column in columns]
     except (OSError, RuntimeError) as error:
         raise InputError(
             f"events {start} to {stop} of {stream.name} cannot be read (damaged?): {error}"
         ) from None
-    if stream.format in ("mvsec", "hdf5-table"):
+    if stream.table:
         return [np.ascontiguousarray(blocks[0][:, order[key]]) for key in "xytp"]
     if len(blocks) == 1:
         assert stream.fields is not None
@@ -233,9 +239,9 @@ def _read(
     return blocks
 
 
-def _step(columns: list[h5py.Dataset]) -> int:
+def _step(columns: list[h5py.Dataset], table: bool) -> int:
     """Return how many rows to read at a time: whole chunks of the largest kind."""
-    chunk = max((c.chunks[_long(c)] for c in columns if c.chunks), default=_ROWS)
+    chunk = max((c.chunks[_long(c, table)] for c in columns if c.chunks), default=_ROWS)
     return int(chunk * max(1, _ROWS // chunk))
 
 
