@@ -3,13 +3,15 @@
 import contextlib
 import sqlite3
 
+import backports.zstd
 import numpy as np
 import pytest
 from bag_writing import DVS, KINDS, PACKETS, PROPHESEE, Maker, get_types_from_msg
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from data_tools.bags import open_bag
+from data_tools.bags import _guard, open_bag
+from data_tools.files.unpack import unpacked_size, zstd_size
 from data_tools.recordings import open_recording
 from data_tools.recordings.formats._event_arrays import read_array
 from evcalib.errors import InputError
@@ -276,3 +278,45 @@ def test_a_real_bag_that_is_cut_is_read_up_to_there(data, tmp_path):
     count = sum(map(len, recording))
     assert 50_000 < count < 250_000
     assert recording.losses["bytes of a cut-off last record"] > 0
+
+
+def streamed(data):
+    """Compress as writers of streams do, which do not know the size beforehand."""
+    packer = backports.zstd.ZstdCompressor()
+    return packer.compress(data) + packer.flush()
+
+
+def test_zstd_chunks_that_do_not_tell_their_size_are_bounded(tmp_path, monkeypatch):
+    for name in ("plain", "told"):
+        (tmp_path / name).mkdir()
+    monkeypatch.setattr(backports.zstd, "compress", streamed)
+    (file,) = long_bag(tmp_path / "plain", "mcap-zstd", chunk=20_000).glob("*.mcap")
+    monkeypatch.undo()
+    assert zstd_size(streamed(bytes(100))[:18]) is None
+    whole = events(file)[0]
+    (told,) = long_bag(tmp_path / "told", "mcap-zstd", chunk=20_000).glob("*.mcap")
+    assert whole == events(told)[0]
+    monkeypatch.setattr(_guard, "MOST", 1000)
+    with pytest.raises(InputError, match="unpacks to over 1000 bytes"):
+        open_recording(file)
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        (streamed(bytes(5000))[:-4], "cut off"),
+        (streamed(bytes(5001)), "more than the 5000 declared"),
+        (b"x" + streamed(bytes(9)), "damaged"),
+        (streamed(bytes(9)) * 2, "goes on after its end"),
+    ],
+)
+def test_a_zstd_frame_is_measured_without_being_held(data, message):
+    assert unpacked_size(streamed(bytes(5000)), 5000) == 5000
+    with pytest.raises(InputError, match=message):
+        unpacked_size(data, 5000)
+
+
+def test_a_real_bag_whose_chunks_do_not_tell_their_size(data):
+    with open_bag(data / "wheels" / "evo_nav2_turtlebot.mcap") as bag:
+        (odometry,) = (topic for topic in bag.topics if topic.name == "/odom")
+        assert sum(1 for _ in bag.messages(odometry)) == odometry.count == 2639

@@ -1,4 +1,4 @@
-"""The camera against OpenCV, its round trip, and its files."""
+"""The camera against OpenCV, and its round trip."""
 
 import cv2
 import numpy as np
@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from data_tools.logs.camera_files import read_calib_txt, read_camchain, read_camera
+from data_tools.logs.camera_files import read_camera
 from evcalib.camera import Camera
 from evcalib.errors import InputError
 
@@ -143,81 +143,6 @@ def test_calib_txt_of_the_slider(data):
     )
     pixels = grid(camera)
     np.testing.assert_allclose(camera.project(camera.bearings(pixels)), pixels, rtol=0, atol=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("", "holds 0 numbers"),
-        ("1 2 3", "holds 3 numbers"),
-        ("200 200 120 x 0 0 0 0 0", "not a line of numbers"),
-        ("200 200 420 90 0 0 0 0 0", "another resolution"),
-        ("-200 200 120 90 0 0 0 0 0", "fx must be a positive"),
-    ],
-)
-def test_bad_calib_txt(tmp_path, text, message):
-    path = tmp_path / "calib.txt"
-    path.write_text(text + "\n")
-    with pytest.raises(InputError, match=message):
-        read_calib_txt(path, 240, 180)
-
-
-def test_a_calib_txt_needs_the_size_and_must_exist(tmp_path):
-    with pytest.raises(InputError, match="give width and height"):
-        read_camera(tmp_path / "calib.txt")
-    with pytest.raises(InputError, match="cannot read"):
-        read_camera(tmp_path / "calib.txt", 240, 180)
-
-
-CAMCHAIN = """\
-cam0:
-  cam_overlaps: [1]
-  camera_model: pinhole
-  distortion_coeffs: [-0.37, 0.15, 0.001, -0.002]
-  distortion_model: radtan
-  intrinsics: [199.0, 198.0, 132.0, 110.0]
-  resolution: [240, 180]
-  rostopic: /dvs/image_raw
-cam1:
-  camera_model: pinhole
-  distortion_coeffs: [-0.02, 0.01, -0.003, 0.001]
-  distortion_model: equidistant
-  intrinsics: [190.0, 191.0, 318.0, 242.0]
-  resolution: [640, 480]
-"""
-
-
-def test_camchain(tmp_path):
-    path = tmp_path / "camchain.yaml"
-    path.write_text(CAMCHAIN)
-    expected = Camera(240, 180, 199.0, 198.0, 132.0, 110.0, (-0.37, 0.15, 0.001, -0.002))
-    assert read_camera(path) == expected
-    assert read_camera(path, 240, 180) == expected
-    second = read_camera(path, name="cam1")
-    assert (second.model, second.width, second.distortion[3]) == ("fisheye", 640, 0.001)
-    with pytest.raises(InputError, match="calibrated for 240x180"):
-        read_camera(path, 346, 260)
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "message"),
-    [
-        ("cam0:", "left:", "no camera cam0"),
-        ("camera_model: pinhole", "camera_model: omni", "only pinhole"),
-        ("distortion_model: radtan", "distortion_model: fov", "distortion_model must be one of"),
-        ("  resolution: [240, 180]\n", "", "misses resolution"),
-        ("[240, 180]", "[240]", "resolution must be a list of 2"),
-        ("[199.0, 198.0, 132.0, 110.0]", "[a, 1, 2, 3]", "intrinsics must be numbers"),
-        ("132.0", "332.0", "another resolution"),
-        ("cam0:", "cam0: [", "is not YAML"),
-        (CAMCHAIN, "just a word", "no mapping"),
-    ],
-)
-def test_bad_camchains(tmp_path, old, new, message):
-    path = tmp_path / "camchain.yaml"
-    path.write_text(CAMCHAIN.replace(old, new, 1))
-    with pytest.raises(InputError, match=message):
-        read_camchain(path)
 
 
 @pytest.mark.parametrize(

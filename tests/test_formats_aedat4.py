@@ -6,6 +6,7 @@ import sys
 
 import numpy as np
 import pytest
+from fuzz import seeds
 
 from data_tools.recordings import open_recording
 from data_tools.recordings.formats._aedat4_layout import _header
@@ -112,3 +113,34 @@ def test_without_the_library_the_extra_is_named(data, monkeypatch):
     monkeypatch.setitem(sys.modules, "lz4.frame", None)
     with pytest.raises(InputError, match=re.escape('pip install "evcalib[formats]"')):
         open_recording(data / "formats" / "davis346.aedat4")
+
+
+def test_a_table_without_counts_is_told(write):
+    """DV of 2020 wrote 0 for the number of events, and for the first and the last time."""
+    pytest.importorskip("lz4")
+    content = bytearray(seeds.aedat4_made(bytes, 0))
+    table = content.index(b"FTAB")
+    for first in range(0, seeds.COUNT, 50):
+        part = seeds.rows()[first : first + 50]
+        told = struct.pack("<qqq", len(part), part[0][0], part[-1][0])
+        at = content.index(told, table)
+        content[at : at + 24] = bytes(24)
+        if first == 0:
+            with pytest.raises(InputError, match="holds 50 events, not 0 as the table says"):
+                open_recording(write(bytes(content)))
+    recording = open_recording(write(bytes(content)))
+    assert columns(recording)["t"].size == seeds.COUNT
+    assert "has no counts and times" in recording.notes[0]
+
+
+def test_real_files_of_dv(data):
+    """Of 2020, whose table counts nothing, and of 2022; two of no events."""
+    pytest.importorskip("lz4")
+    for name, count in (("dv_2020", 6_676), ("dv_sample", 9_193)):
+        assert columns(open_recording(data / "formats" / f"{name}.aedat4"))["t"].size == count
+    with pytest.raises(InputError, match="has no stream of events"):
+        open_recording(data / "formats" / "dv_frames_only.aedat4")
+    with pytest.raises(InputError, match="several streams of events: say which"):
+        open_recording(data / "formats" / "dv_empty_stereo.aedat4")
+    with pytest.raises(InputError, match="holds no events"):
+        open_recording(data / "formats" / "dv_empty_stereo.aedat4", stream="1")

@@ -23,12 +23,21 @@ from fuzz.targets import JOINTS, TARGETS, TWO_WHEELS, read_events
 from data_tools.bags import open_bag
 from data_tools.files import text as text_files
 from data_tools.files import unpack
+from data_tools.logs.cameras import _content as camera_content
 from data_tools.logs.series_files import read_paired_rows
 from data_tools.logs.velocity_sources import read_body_velocities
 from data_tools.recordings.formats import _aedat4_layout, _hdf5_checks
 from evcalib.errors import InputError
 
-YAML_READERS = ("column-map", "kalibr", "vehicle", "calibration", "kalibr-export", "batch-list")
+YAML_READERS = (
+    "column-map",
+    "kalibr",
+    "camera-yaml",
+    "vehicle",
+    "calibration",
+    "kalibr-export",
+    "batch-list",
+)
 LAUGHS = "a: &a [x,x,x,x,x,x,x,x,x]\n" + "".join(
     f"{b}: &{b} [{','.join(9 * [f'*{a}'])}]\n" for a, b in zip("abcdefgh", "bcdefghi", strict=True)
 )
@@ -404,3 +413,17 @@ def test_a_definition_cannot_make_a_message_another(write):
         read_body_velocities(path, vehicle=TWO_WHEELS, columns=JOINTS, wheel_radius=0.1)
     with open_bag(path) as bag:
         assert [topic.name for topic in bag.topics] == ["/motion"]
+
+
+@pytest.mark.parametrize("text", ["<a>" * 200_000, "<a>" + "<b>1</b>" * 600_000 + "</a>"])
+def test_xml_that_is_nested_or_long_without_end_is_refused(write, monkeypatch, text):
+    monkeypatch.setattr(camera_content, "LARGEST", 1 << 24)
+    with grown(60e6), pytest.raises(InputError, match=r"nested too deeply|given twice"):
+        TARGETS["camera-xml"].read(write(text, ".xml"))
+
+
+def test_entities_of_xml_are_not_read(write):
+    laughs = "".join(f'<!ENTITY {b} "{9 * f"&{a};"}">' for a, b in zip("abcd", "bcde", strict=True))
+    text = f'<!DOCTYPE x [<!ENTITY a "ha">{laughs}]><x><image_width>&e;</image_width></x>'
+    with pytest.raises(InputError, match="document type"):
+        TARGETS["camera-xml"].read(write(text, ".xml"))

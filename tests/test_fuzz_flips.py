@@ -3,7 +3,8 @@
 What has a checksum (gzip, zip, npz, HDF5's gzip, the chunks of bags in bz2) gives the same events
 or is refused.  The others cannot tell a changed number from a true one.  There only the contract
 of `fuzz.targets` holds: pixels within the sensor, times ascending; events left out are counted.
-In EVT 2 and EVT 3 a flipped type of a word adds or drops events unseen: nothing counts them.
+In EVT 2, EVT 3, AEDAT 2, AEDAT 3 and Event Stream a flipped type of a word or of a packet adds or
+drops events unseen: nothing counts them.
 """
 
 import numpy as np
@@ -14,12 +15,13 @@ from fuzz.targets import TARGETS, attempt, read_events
 from evcalib.errors import InputError
 
 EVENTS = ("text", "text-gzip", "text-zip", "csv", "npz", "hdf5", "evt2", "evt3", "dat", "aedat4")
+EVENTS += ("aedat2", "aedat3", "es", "npy", "mat")
 BAGS = ("rosbag1", "rosbag2-sqlite3", "rosbag2-mcap", "rosbag2-metadata")
 OTHERS = [name for name in TARGETS if name not in (*EVENTS, *BAGS)]
 SLOW = {"npz": 120, "hdf5": 25, "rosbag1": 30, "rosbag2-sqlite3": 15, "rosbag2-mcap": 30}
 SLOW |= {"rosbag2-metadata": 30, "bag-joints": 40, "bag-twists": 40}
 CHECKED = ("text-gzip", "text-zip", "npz")
-UNCOUNTED = ("evt2", "evt3")
+UNCOUNTED = ("evt2", "evt3", "aedat2", "aedat3", "es")
 
 
 def inputs(name):

@@ -319,7 +319,7 @@ def test_headings_say_what_was_not_used(write, data):
 
 def test_a_camera_and_a_recording_of_unlike_sensors_are_refused(write):
     recording = write(dat(at_times(1)))
-    with pytest.raises(InputError, match="640x480 px, not of 240x180"):
+    with pytest.raises(InputError, match="calibrated for 240x180 pixels, the events have 640x480"):
         open_with_camera(recording, write(CAMCHAIN, "camchain.yaml"))
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from data_tools.files.text import read_yaml
-from data_tools.files.unpack import MOST, check_ratio, unpack, zstd_size
+from data_tools.files.unpack import MOST, check_ratio, unpack, unpacked_size, zstd_size
 from evcalib.errors import InputError
 
 METADATA = "metadata.yaml"
@@ -51,12 +51,13 @@ def bound_chunks(reader: Any) -> None:
     """See that no chunk of an opened reader unpacks to more than `MOST` bytes.
 
     The reader of ROS 1 bags is given functions that stop there.  For MCAP, LZ4 packs 255 times at
-    best, and a zstd frame tells its size, which its library enforces.
+    best, and a zstd frame tells its size, which its library enforces.  Where it does not tell, as
+    streaming writers leave it, the chunk is unpacked here once, in constant memory.
 
     Raises
     ------
     InputError
-        If a chunk declares more, or does not tell.
+        If a chunk declares more, or unpacks to more than it declares.
     """
     if hasattr(reader, "chunks"):
         from rosbags.rosbag1.reader import decompressors
@@ -77,7 +78,10 @@ def _check_mcap(storage: Any, chunk: Any) -> None:
     if chunk.compression == "zstd":
         place = chunk.chunk_start_offset + 9 + 40 + len(chunk.compression)
         storage.bio.seek(place)
-        told = zstd_size(storage.bio.read(_ZSTD_HEAD))
-        size = MOST + 1 if told is None else max(size, told)
+        head = storage.bio.read(_ZSTD_HEAD)
+        told = zstd_size(head)
+        if told is None and size <= MOST:
+            unpacked_size(head + storage.bio.read(chunk.compressed_size - len(head)), size)
+        size = max(size, told or 0)
     if size > MOST:
         raise InputError(f"a chunk at byte {chunk.chunk_start_offset} unpacks to over {MOST} bytes")

@@ -15,7 +15,12 @@ if TYPE_CHECKING:
     from evcalib.alignment import Calibration
     from evcalib.series import HeadingSeries, VelocitySeries
 
-Camera = Annotated[Path, typer.Option(help="Camera file (calib.txt or Kalibr YAML).")]
+Camera = Annotated[
+    Path, typer.Option(help="Camera file (calib.txt, ROS, Kalibr, OpenCV, DV, Metavision, ...).")
+]
+CameraName = Annotated[
+    str | None, typer.Option(help="Which camera of the camera file, like cam1, if several fit.")
+]
 Vehicle = Annotated[Path | None, typer.Option(help="Vehicle file (YAML).")]
 Columns = Annotated[
     Path | None, typer.Option(help="Column map of the wheel log or velocities (YAML).")
@@ -38,6 +43,7 @@ def calibrate(
     ] = None,
     max_offset: common.MaxOffset = 1.0,
     size: common.Size = None,
+    camera_name: CameraName = None,
     offset: Annotated[
         float | None, typer.Option(help="Offset in seconds, to use if the motion does not tell it.")
     ] = None,
@@ -76,6 +82,7 @@ def calibrate(
         vehicle=vehicle,
         velocities=velocities,
         size=size,
+        camera_name=camera_name,
         output=output,
         overwrite=overwrite,
         command=common.command_line(),
@@ -98,6 +105,9 @@ def calibrate(
         seed=seed,
     )
     common.print_calibration(run.calibration, as_json)
+    for key, text in run.recording.items():
+        if key.startswith("note") and not as_json:
+            print(f"note: {text}")
     if not as_json:
         print(f"\nWritten to {output}: calibration.yaml, report.html and the data behind them.")
     common.exit_by(run.calibration)
@@ -112,6 +122,7 @@ def headings(
     solver: Annotated[str, typer.Option(help="two_point or five_point.")] = "two_point",
     rate: Annotated[float, typer.Option(help="Keyframes per second.")] = 20.0,
     size: common.Size = None,
+    camera_name: CameraName = None,
     time_unit: common.TimeUnit = None,
     format: common.Format = None,
     disorder: common.Disorder = "refuse",
@@ -127,6 +138,7 @@ def headings(
         recording,
         camera,
         size=size,
+        camera_name=camera_name,
         surface=surface,
         solver=solver,
         rate=rate,

@@ -24,8 +24,8 @@ LONGEST_NUMBER = 1000
 _CUT_NUMBER = re.compile(r"[\d.]\Z")
 
 
-def read_text(path: str | Path, largest: int = LARGEST) -> str:
-    """Return a text file that is whole, as far as that can be told.
+def read_text(path: str | Path, largest: int = LARGEST, *, whole: bool = True) -> str:
+    """Return a text file that is whole, as far as that can be told (or `whole` is False).
 
     Raises
     ------
@@ -47,7 +47,8 @@ def read_text(path: str | Path, largest: int = LARGEST) -> str:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError:
         raise InputError(f"{path} is not a text file") from None
-    check_end(path, text)
+    if whole:
+        check_end(path, text)
     return text
 
 

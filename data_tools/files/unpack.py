@@ -70,6 +70,30 @@ def zstd_size(head: bytes) -> int | None:
     return None if size is None else int(size)
 
 
+def unpacked_size(data: bytes, most: int) -> int:
+    """Return what a zstd frame unpacks to [bytes], without holding it.
+
+    Raises
+    ------
+    InputError
+        If the frame is damaged or cut off, or unpacks to more than `most`.
+    """
+    stream, size = _stream("zstd"), 0
+    try:
+        while not stream.eof:
+            size += (part := len(stream.decompress(data, 1 << 20)))
+            if size > most:
+                raise InputError(f"{len(data)} bytes unpack to more than the {most} declared")
+            if not part and stream.needs_input:
+                raise InputError("zstd data is cut off")
+            data = b""
+        if stream.unused_data:
+            raise InputError("zstd data is damaged: it goes on after its end")
+    except _errors("zstd") as error:
+        raise InputError(f"zstd data is damaged: {error}") from None
+    return size
+
+
 def check_ratio(unpacked: int, packed: int) -> None:
     """Refuse what would unpack, or has unpacked, to more than a recording can.
 

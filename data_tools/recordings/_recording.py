@@ -159,6 +159,11 @@ class Recording:
                 f"{late.count} late events were put in order, by up to {late.largest_us} us"
             )
 
+    def note(self, text: str) -> None:
+        """Add to the notes, for good, what the user should know."""
+        self._source = replace(self._source, notes=(*self._source.notes, text))
+        self.notes.append(text)
+
     def columns(self) -> Iterator[Columns]:
         """Yield the events as the file has them: times not shifted, perhaps out of order.
 

@@ -40,6 +40,7 @@ def run_files(
     vehicle: str | Path | None = None,
     velocities: str | Path | None = None,
     size: str | tuple[int, int] | None = None,
+    camera_name: str | None = None,
     output: str | Path | None = None,
     overwrite: bool = False,
     command: str = "",
@@ -58,13 +59,15 @@ def run_files(
     recording : path
         Events, in any format that `data_tools.recordings.open_recording` knows.
     camera : path
-        The Event Camera Dataset's calib.txt or Kalibr's camchain.
+        Its calibration, in any form that `data_tools.logs.camera_files` knows.
     wheels, vehicle : path
         Wheel log (CSV or bag) and vehicle file; a bag of velocities needs no vehicle.
     velocities : path
         Velocities (CSV or bag) in place of wheels and vehicle.
     size : str or (int, int), optional
         Sensor size, where no file tells it: ``240x180``.
+    camera_name : str, optional
+        Which camera of the file, where several are of the recording's size.
     output : path, optional
         Folder for calibration.yaml, headings.csv, velocities.csv and report.html.
     overwrite : bool
@@ -103,7 +106,9 @@ def run_files(
             if folder is not None:
                 folder.stage(name)
 
-        events, lens = open_with_camera(recording, camera, size=size, **(reading or {}))
+        events, lens = open_with_camera(
+            recording, camera, size=size, camera_name=camera_name, **(reading or {})
+        )
         started = time.perf_counter()
         whole = read_body_velocities(
             source, vehicle=vehicle, origin_us=events.origin_us, **(motion or {})

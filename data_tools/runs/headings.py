@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 from tqdm.auto import tqdm
 
-from data_tools.logs.camera_files import read_camera
+from data_tools.logs.camera_files import read_camera_file
 from data_tools.recordings import Recording, open_recording
+from data_tools.recordings.formats import SizeUnknown
 from evcalib.camera import Camera
 from evcalib.errors import InputError
 from evcalib.events import Events
@@ -38,23 +39,36 @@ def parse_size(size: str) -> tuple[int, int]:
 
 
 def open_with_camera(
-    recording: str | Path, camera: str | Path, *, size: str | None = None, **options: Any
+    recording: str | Path,
+    camera: str | Path,
+    *,
+    size: str | None = None,
+    camera_name: str | None = None,
+    **options: Any,
 ) -> tuple[Recording, Camera]:
     """Open a recording and the camera that made it, whose sizes must be the same.
 
+    Of several cameras in a file, the only one of the recording's size is taken.
+
     Parameters
     ----------
-    recording, camera, size
+    recording, camera, size, camera_name
         As in `headings_from_files`.
     **options
         As in :func:`data_tools.recordings.open_recording`.
     """
-    chain = Path(camera).suffix.lower() in (".yaml", ".yml")
-    if chain or size is not None:
-        lens = read_camera(camera, *((None, None) if size is None else parse_size(size)))
-        return open_recording(recording, size=(lens.width, lens.height), **options), lens
-    opened = open_recording(recording, **options)
-    return opened, read_camera(camera, opened.width, opened.height)
+    cameras = read_camera_file(camera)
+    given = None if size is None else parse_size(size)
+    if given is not None:
+        cameras.choose(given[0], given[1], camera_name)
+    try:
+        opened = open_recording(recording, size=given, **options)
+    except SizeUnknown:
+        opened = open_recording(recording, size=cameras.size(camera_name), **options)
+    lens, notes = cameras.choose(opened.width, opened.height, camera_name)
+    for note in notes:
+        opened.note(note)
+    return opened, lens
 
 
 def headings_from_files(
@@ -62,6 +76,7 @@ def headings_from_files(
     camera: str | Path,
     *,
     size: str | None = None,
+    camera_name: str | None = None,
     time_unit: str | None = None,
     format: str | None = None,
     origin_us: int | None = None,
@@ -76,9 +91,11 @@ def headings_from_files(
     recording : path
         Events in any format that is known.
     camera : path
-        The Event Camera Dataset's calib.txt or Kalibr's camchain.
+        Its calibration, in any form that `data_tools.logs.camera_files` knows.
     size : str, optional
         ``WIDTHxHEIGHT`` [px], needed where neither the camera file nor the recording tells it.
+    camera_name : str, optional
+        Which camera of the file, where several are of the recording's size.
     time_unit, format, origin_us, disorder, stream
         As in :func:`data_tools.recordings.open_recording`.
     **options
@@ -88,6 +105,7 @@ def headings_from_files(
         recording,
         camera,
         size=size,
+        camera_name=camera_name,
         time_unit=time_unit,
         format=format,
         origin_us=origin_us,

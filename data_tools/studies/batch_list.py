@@ -125,6 +125,7 @@ KEYS: dict[str, Callable[[Any, Path], Any]] = {
     "vehicle": _path,
     "velocities": _path,
     "size": _size,
+    "camera_name": _word,
     "max_offset": _number(0, "a positive number of seconds", above=True),
     "offset": _number(-math.inf, "a number of seconds"),
     "camera_position": _position,

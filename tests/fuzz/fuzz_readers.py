@@ -36,6 +36,7 @@ KERNELS = [
     "data_tools.recordings.formats._dat_kernels",
     "data_tools.recordings.formats._evt2_kernels",
     "data_tools.recordings.formats._evt3_kernels",
+    "data_tools.recordings.formats._es_kernels",
 ]
 CRASHES = {"crash": "crash of the process", "timeout": "hang", "oom": "memory", "leak": "leak"}
 

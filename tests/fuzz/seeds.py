@@ -71,6 +71,33 @@ def npz(method=zipfile.ZIP_DEFLATED):
     return zipped([(f"{name}.npy", array(values)) for name, values in named.items()], method)
 
 
+def npy(kind="structured"):
+    """Return a .npy file: structured, or n x 4 numbers by rows, by columns, or transposed."""
+    x, y, t, p = columns()
+    if kind == "structured":
+        table = np.zeros(x.size, [("ts", "<i8"), ("xs", "<u2"), ("ys", "<u2"), ("ps", "?")])
+        table["xs"], table["ys"], table["ts"], table["ps"] = x, y, t, p
+    else:
+        table = np.column_stack([t, x, y, p]).astype(np.int64)
+        table = np.asfortranarray(table) if kind == "columns" else table
+        table = np.ascontiguousarray(table.T) if kind == "transposed" else table
+    return array(table)
+
+
+def mat(kind="fields", packed=True):
+    """Return a .mat file of version 5: a struct, variables, or n x 4 numbers."""
+    from scipy.io import savemat
+
+    x, y, t, p = columns()
+    named = {"x": x, "y": y, "ts": t, "p": p}
+    table = {"rows": np.column_stack([x, y, p, t]).astype(float), "note": "by hand"}
+    held = io.BytesIO()
+    what = {"fields": {"TD": named}, "variables": named, "table": table}[kind]
+    savemat(held, what, do_compression=packed)
+    content = held.getvalue()
+    return content.replace(content[:116], b"MATLAB 5.0 MAT-file, made by hand".ljust(116), 1)
+
+
 def authors_npz():
     rng = np.random.default_rng(3)
     t = 100.0 + 0.05 * np.arange(40)
@@ -86,8 +113,20 @@ def hdf5(layout, **filters):
     x, y, t, p = columns()
     filters = filters or {"compression": "gzip", "shuffle": True}
     held = io.BytesIO()
-    with h5py.File(held, "w") as file:
-        if layout == "mvsec":
+    block = {"userblock_size": 512} if layout.startswith("matlab") else {}
+    with h5py.File(held, "w", **block) as file:
+        if layout in ("table", "matlab-table"):
+            table = np.column_stack([t, x, y, p])
+            table = table.T if layout == "matlab-table" else table
+            chunks = (64, 4) if layout == "table" else (4, 64)
+            file.create_dataset("data", data=table, chunks=chunks, **filters)
+        elif layout == "matlab":
+            for name, values in zip(("x", "y", "ts", "p"), (x, y, t, p), strict=True):
+                file.create_dataset(f"TD/{name}", data=values[None], chunks=(1, 64), **filters)
+        elif layout == "e2vid":
+            for name, values in zip(("xs", "ys", "ts", "ps"), (x, y, t, p), strict=True):
+                file.create_dataset(f"events/{name}", data=values, chunks=(64,), **filters)
+        elif layout == "mvsec":
             table = np.column_stack([x, y, t / 1e6, 2.0 * p - 1])
             file.create_dataset("davis/left/events", data=table, chunks=(64, 4), **filters)
         elif layout == "prophesee-hdf5":
@@ -118,6 +157,55 @@ def evt3():
 
 def dat():
     return b"% Version 2\n% Width 64\n% Height 48\n" + naive.dat_records(rows())
+
+
+def aedat2(chip="eu.seebetter.ini.chips.davis.DAVIS240C", size=(240, 180), extra=True):
+    """Return AEDAT 2.0: among the events a sample of a frame, one of the IMU and a trigger."""
+    head = "#!AER-DAT2.0\r\n# This is a raw AE data file - do not edit\r\n"
+    head += f"# AEChip: {chip}\r\n#End Of ASCII Header\r\n" if chip else ""
+    words = []
+    for t, x, y, p in rows():
+        x, y = size[0] - 1 - x, size[1] - 1 - y
+        words += [
+            x << 1 | y << 8 | (1 - p) if size == (128, 128) else y << 22 | x << 12 | p << 11,
+            t,
+        ]
+    others = [0x8000] if size == (128, 128) else [0x80C01005, 0x90C01800, 0x00C01400]
+    for k, address in enumerate(others if extra else ()):
+        words[20 * k + 2 : 20 * k + 2] = [address, words[20 * k + 1]]
+    return head.encode() + struct.pack(f">{len(words)}I", *words)
+
+
+def aedat3(step=50, sources=("DVS128",), kinds=(1,)):
+    """Return AEDAT 3.1, in packets of some events, those of each kind in turn."""
+    named = "".join(f"#Source {k}: {name}\r\n" for k, name in enumerate(sources))
+    head = f"#!AER-DAT3.1\r\n#Format: RAW\r\n{named}#-Source 7: DAVIS640\r\n#!END-HEADER\r\n"
+    packets = b""
+    for first in range(0, COUNT, step):
+        part = rows()[first : first + step]
+        for source, kind in enumerate(kinds):
+            count = len(part)
+            packets += struct.pack("<hhiiiiii", kind, source, 8, 4, 0, count, count, count)
+            packets += b"".join(
+                struct.pack("<Ii", 1 | p << 1 | y << 2 | x << 17, t) for t, x, y, p in part
+            )
+    return head.encode() + packets
+
+
+def es(kind=1, version=2):
+    """Return an Event Stream file of a DVS (1) or an ATIS (2), with a reset before each tenth."""
+    full, bits = (63, 2) if kind == 2 else (127, 1)
+    content, now = b"", 5_000_000 - 200
+    for k, (t, x, y, p) in enumerate(rows()):
+        now = t - 200 if not k else now
+        content += b"\xfc" * 5 if kind == 2 and k % 10 == 9 else b"\xfe" * 5 * (k % 10 == 9)
+        loops, rest = divmod(t - now, full)
+        content += (b"\xfd" if kind == 2 else b"\xff") * loops
+        content += struct.pack("<BHH", rest << bits | p << (bits - 1), x, y)
+        now = t
+    return (
+        b"Event Stream" + bytes([version, 0, 0, kind]) + struct.pack("<HH", WIDTH, HEIGHT) + content
+    )
 
 
 def bag(kind, type="dvs_msgs/msg/EventArray", chunk=2000):
@@ -273,6 +361,61 @@ CAMCHAIN = b"""cam0:
   intrinsics: [199.6534, 199.6534, 32.5043, 24.4590]
   resolution: [64, 48]
   rostopic: /events
+"""
+
+CAMERA_INFO = b"""image_width: 64
+image_height: 48
+camera_name: davis
+camera_matrix:
+  rows: 3
+  cols: 3
+  data: [199.65, 0.0, 32.5, 0.0, 199.25, 24.5, 0.0, 0.0, 1.0]
+distortion_model: plumb_bob
+distortion_coefficients:
+  rows: 1
+  cols: 5
+  data: [-0.37, 0.15, 0.001, -0.002, 0.03]
+"""
+
+OPENCV_YAML = b"""%YAML:1.0
+---
+image_width: 64
+image_height: 48
+camera_matrix: !!opencv-matrix
+   rows: 3
+   cols: 3
+   dt: d
+   data: [ 199.65, 0., 32.5, 0., 199.25, 24.5, 0., 0., 1. ]
+distortion_coefficients: !!opencv-matrix
+   rows: 5
+   cols: 1
+   dt: d
+   data: [ -3.7e-01, 1.5e-01, 1.0e-03, -2.0e-03, 3.0e-02 ]
+"""
+
+CAMERA_XML = b"""<?xml version="1.0"?>
+<opencv_storage>
+<DAVIS_1>
+  <camera_matrix type_id="opencv-matrix">
+    <rows>3</rows><cols>3</cols><dt>d</dt>
+    <data>199.65 0. 32.5 0. 199.25 24.5 0. 0. 1.</data></camera_matrix>
+  <distortion_coefficients type_id="opencv-matrix">
+    <rows>1</rows><cols>5</cols><dt>d</dt>
+    <data>-0.37 0.15 0.001 -0.002 0.03</data></distortion_coefficients>
+  <image_width>64</image_width><image_height>48</image_height></DAVIS_1>
+<use_fisheye_model>0</use_fisheye_model>
+</opencv_storage>
+"""
+
+CAMERA_JSON = b"""{"version": "2.0", "cameras": {"C0": {"name": "a", "resolution": ["64", "48"],
+"principalPoint": ["32.5", "24.5"], "focalLength": ["199.65", "199.25"],
+"distortionCoefficients": ["-0.37", "0.15", "0.001", "-0.002"],
+"distortionModel": "radialTangential"}}}
+"""
+
+BASALT_JSON = b"""{"value0": {"intrinsics": [{"camera_type": "kb4", "intrinsics":
+{"fx": 199.65, "fy": 199.25, "cx": 32.5, "cy": 24.5, "k1": -0.02, "k2": 0.01, "k3": 0.001,
+"k4": 0.002}}], "resolution": [[64, 48]]}}
 """
 
 VEHICLE = b"""type: swerve

@@ -158,7 +158,7 @@ def _bag_folder(path: Path) -> object:
 
 
 def _hdf5() -> list[bytes]:
-    layouts = ("evcalib", "dsec", "prophesee-hdf5", "mvsec")
+    layouts = ("evcalib", "dsec", "prophesee-hdf5", "mvsec", "table", "matlab", "e2vid")
     return [
         *(seeds.hdf5(layout) for layout in layouts),
         seeds.hdf5("evcalib", compression=None),
@@ -179,6 +179,16 @@ TARGETS: dict[str, Target] = {
     "text-zip": Target(".zip", _events(size=SIZE), lambda: [seeds.text_zip()]),
     "csv": Target(".csv", _events(), lambda: [seeds.csv(40)]),
     "npz": Target(".npz", _events(), lambda: [seeds.npz(), seeds.npz(0)]),
+    "npy": Target(
+        ".npy",
+        _events(size=SIZE),
+        lambda: [seeds.npy(kind) for kind in ("structured", "rows", "columns", "transposed")],
+    ),
+    "mat": Target(
+        ".mat",
+        _events(size=SIZE),
+        lambda: [seeds.mat("fields"), seeds.mat("variables", False), seeds.mat("table")],
+    ),
     "hdf5": Target(".h5", lambda path: _sized(path), _hdf5),
     "evt2": Target(".raw", _events(), lambda: [seeds.evt2()]),
     "evt3": Target(".raw", _events(), lambda: [seeds.evt3()]),
@@ -188,6 +198,11 @@ TARGETS: dict[str, Target] = {
         _events(),
         lambda: [seeds.aedat4_made(), seeds.aedat4_made(bytes, 0)],
     ),
+    "aedat2": Target(
+        ".aedat", _events(), lambda: [seeds.aedat2(), seeds.aedat2("DVS128", (128, 128))]
+    ),
+    "aedat3": Target(".aedat", _events(), lambda: [seeds.aedat3(), seeds.aedat3(kinds=(1, 2))]),
+    "es": Target(".es", _events(), lambda: [seeds.es(), seeds.es(2)]),
     "rosbag1": Target(
         ".bag",
         _events(),
@@ -211,6 +226,9 @@ TARGETS: dict[str, Target] = {
     "column-map": Target(".yaml", column_map, lambda: [seeds.COLUMN_MAP]),
     "calib-txt": Target(".txt", _camera, lambda: [seeds.CALIB_TXT]),
     "kalibr": Target(".yaml", _camera, lambda: [seeds.CAMCHAIN]),
+    "camera-yaml": Target(".yaml", _camera, lambda: [seeds.CAMERA_INFO, seeds.OPENCV_YAML]),
+    "camera-xml": Target(".xml", _camera, lambda: [seeds.CAMERA_XML]),
+    "camera-json": Target(".json", _camera, lambda: [seeds.CAMERA_JSON, seeds.BASALT_JSON]),
     "vehicle": Target(".yaml", read_vehicle, lambda: [seeds.VEHICLE, seeds.OMNI, seeds.MECANUM]),
     "calibration": Target(".yaml", _stored, lambda: [seeds.calibration()]),
     "kalibr-export": Target(".yaml", _exported, _exports),

@@ -29,7 +29,10 @@ from evcalib.arrays import Flags, Integers
 from evcalib.checks import side
 from evcalib.errors import InputError
 
-MODULES = ("text", "csv", "npz", "hdf5", "prophesee_raw", "prophesee_dat", "aedat4", "rosbag")
+MODULES = (
+    *("aedat2", "aedat3", "aedat4", "es", "text", "csv", "npz", "npy", "mat", "hdf5"),
+    *("prophesee_raw", "prophesee_dat", "rosbag"),
+)
 """Modules of this package that are formats."""
 
 HEAD_BYTES = 4096
@@ -38,6 +41,10 @@ UNITS = ("s", "ms", "us", "ns")
 """Units of time that files may declare and callers may say."""
 
 Size = tuple[int, int]
+
+
+class SizeUnknown(InputError):
+    """Neither the recording nor the caller tells the sensor size."""
 
 
 class Columns(NamedTuple):
@@ -97,7 +104,7 @@ class Options:
     def sensor(self, path: Path, declared: Size | None) -> Size:
         """Return (width, height), declared by the file or given by the caller, not both unlike."""
         if declared is None and self.size is None:
-            raise InputError(
+            raise SizeUnknown(
                 f"{path} does not tell the sensor size; give width and height (--size)"
             )
         if declared is not None and self.size is not None and declared != self.size:

@@ -12,10 +12,10 @@ from evcalib.arrays import Flags, Integers
 from evcalib.errors import InputError
 
 ALIASES = {
-    "x": ("x",),
-    "y": ("y",),
+    "x": ("x", "xs"),
+    "y": ("y", "ys"),
     "t": ("t", "ts", "time", "timestamp", "timestamps"),
-    "p": ("p", "pol", "polarity", "on"),
+    "p": ("p", "ps", "pol", "polarity", "on"),
 }
 """Names under which files keep the four columns; the first is ours."""
 

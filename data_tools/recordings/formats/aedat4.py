@@ -3,6 +3,7 @@
 Packets are read one by one, in memory of one packet.  The format has no checksums, and its writers
 do not switch on those of LZ4, so a flipped bit may change an event unnoticed; but each packet must
 hold as many events, from the first to the last time, as the table at the end of the file says.
+DV wrote tables without counts and times until 2020: they tell where the packets are, no more.
 """
 
 from __future__ import annotations
@@ -39,7 +40,11 @@ def open(path: Path, options: Options) -> Source:
     layout = read_layout(path)
     number = _chosen(path, sorted(layout.sensors), options)
     width, height = options.sensor(path, layout.sensors[number])
-    notes = () if layout.told else ("the file has no table of its packets to check them against",)
+    notes: tuple[str, ...] = ()
+    if not layout.told:
+        notes = ("the file has no table of its packets to check them against",)
+    elif not _counts(layout):
+        notes = ("the table of packets has no counts and times to check them against (DV of 2020)",)
 
     def pieces(losses: Counter[str]) -> Iterator[Columns]:
         if layout.cut_off:
@@ -48,6 +53,11 @@ def open(path: Path, options: Options) -> Source:
             yield Columns(events["x"], events["y"], events["t"].astype(np.int64), events["on"] == 1)
 
     return Source("aedat4", width, height, pieces, notes, fixed="us")
+
+
+def _counts(layout: Layout) -> bool:
+    """Tell whether the table has a number of events or a time of any packet."""
+    return any(told.count or told.first_us or told.last_us for told in layout.told or ())
 
 
 def _chosen(path: Path, numbers: list[int], options: Options) -> int:
@@ -65,6 +75,7 @@ def _chosen(path: Path, numbers: list[int], options: Options) -> int:
 
 def _packets(path: Path, layout: Layout, stream: int) -> Iterator[NDArray[np.void]]:
     """Yield the events of each packet of a stream."""
+    told = layout.told if _counts(layout) else None
     try:
         with path.open("rb") as file:
             for place, packet in enumerate(layout.packets):
@@ -74,7 +85,7 @@ def _packets(path: Path, layout: Layout, stream: int) -> Iterator[NDArray[np.voi
                 packed = file.read(packet.size)
                 try:
                     events = read_events(unpack(packed, layout.compression, LARGEST_PACKET))
-                    _check(events, layout.told[place] if layout.told else None)
+                    _check(events, told[place] if told else None)
                 except InputError as error:
                     raise InputError(f"{path} is damaged in packet {place}: {error}") from None
                 yield events

@@ -10,8 +10,12 @@
 ``mvsec``
     ``davis/left/events``, n x 4 floats x, y, t [s], p.
 
-Where several groups hold events, `stream` names one.  A file that declares far more data than it
-can hold is refused.
+``hdf5-table``
+    Any dataset of n x 4 (or 4 x n) numbers, where nothing else holds events; its columns are told
+    apart by what they hold.
+
+MATLAB's files of version 7.3 are HDF5 too; their columns may be 1 x n.  Where several groups hold
+events, `stream` names one.  A file that declares far more data than it can hold is refused.
 """
 
 from __future__ import annotations
@@ -30,9 +34,10 @@ from numpy.typing import NDArray
 from data_tools.recordings.formats import Columns, Options, Size, Source
 from data_tools.recordings.formats._columns import Converter, find_columns
 from data_tools.recordings.formats._hdf5_checks import check_columns
+from data_tools.recordings.formats._tables import FROM_ONE, SAMPLE, column_order
 from evcalib.errors import InputError
 
-NAMES = ("evcalib", "dsec", "prophesee-hdf5", "mvsec")
+NAMES = ("evcalib", "dsec", "prophesee-hdf5", "mvsec", "hdf5-table")
 
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 LAYOUT = "evcalib-events"
@@ -65,10 +70,15 @@ class _Stream:
     name: str
     fields: dict[str, str] | None = None
 
+    @property
+    def table(self) -> bool:
+        """Whether events are rows of four numbers."""
+        return self.format in ("mvsec", "hdf5-table")
+
 
 def matches(path: Path, head: bytes) -> bool:
     """Tell whether the file is HDF5."""
-    return head.startswith(SIGNATURE)
+    return SIGNATURE in (head[:8], head[512:520])
 
 
 def open(path: Path, options: Options) -> Source:
@@ -84,14 +94,20 @@ def open(path: Path, options: Options) -> Source:
         size = options.sensor(path, _declared_size(attributes))
         shift = _shift(file, stream, attributes)
         unit = _unit(attributes, options, stream)
+        order = {key: k for k, key in enumerate("xytp")}
+        if stream.format == "hdf5-table":
+            order, note = column_order(_part(columns[0], 0, min(rows, SAMPLE), True))
+            notes = (*notes, note)
+        if file.userblock_size:
+            notes = (*notes, FROM_ONE)
 
     def pieces(losses: Counter[str]) -> Iterator[Columns]:
         convert = Converter(*unit)
         with _file(path) as file:
             columns = _columns(file, stream)
-            step = _step(columns)
+            step = _step(columns, stream.table)
             for start in range(0, rows, step):
-                raw = _read(columns, stream, start, min(start + step, rows))
+                raw = _read(columns, stream, order, start, min(start + step, rows))
                 piece = convert(*raw)
                 yield piece._replace(t=piece.t + shift) if shift else piece
 
@@ -134,7 +150,8 @@ def _streams(file: h5py.File) -> list[_Stream]:
 
     visit("", file)
     file.visititems(visit)
-    return found
+    named = [stream for stream in found if stream.format != "hdf5-table"]
+    return named or found
 
 
 def _grouped(name: str, group: h5py.Group) -> _Stream | None:
@@ -159,7 +176,8 @@ def _rows_of(name: str, dataset: h5py.Dataset) -> _Stream | None:
         return None if fields is None else _Stream("prophesee-hdf5", name, fields)
     if name.rsplit("/", 1)[-1] == "events" and dataset.ndim == 2 and dataset.shape[1] == 4:
         return _Stream("mvsec", name)
-    return None
+    table = dataset.ndim == 2 and 4 in dataset.shape and dataset.dtype.kind in "biuf"
+    return _Stream("hdf5-table", name) if table else None
 
 
 def _chosen(
@@ -192,32 +210,48 @@ def _columns(file: h5py.File, stream: _Stream) -> list[h5py.Dataset]:
 
 
 def _rows(columns: list[h5py.Dataset], stream: _Stream) -> int:
-    dimensions = 2 if stream.format == "mvsec" else 1
-    lengths = [c.shape[0] if c.ndim == dimensions else -1 for c in columns]
+    if stream.table:
+        return int(columns[0].shape[_long(columns[0], True)])
+    vectors = [c.ndim == 1 or (c.ndim == 2 and 1 in c.shape) for c in columns]
+    lengths = [c.size if vector else -1 for c, vector in zip(columns, vectors, strict=True)]
     if len(set(lengths)) > 1 or lengths[0] < 0:
         shapes = ", ".join(f"{c.name} {c.shape}" for c in columns)
         raise InputError(f"the columns of events differ in length: {shapes}")
     return lengths[0]
 
 
-def _read(columns: list[h5py.Dataset], stream: _Stream, start: int, stop: int) -> list[NDArray]:
+def _long(column: h5py.Dataset, table: bool) -> int:
+    """Return the axis along which events follow one another: in rows of four, or in a vector."""
+    side = 4 if table else 1
+    return int(column.ndim == 2 and column.shape[0] == side and column.shape[1] != side)
+
+
+def _part(column: h5py.Dataset, start: int, stop: int, table: bool) -> NDArray:
+    """Return some events of a dataset: rows of four, or a vector."""
+    block = column[:, start:stop].T if _long(column, table) else column[start:stop]
+    return block if table or column.ndim == 1 else block.ravel()
+
+
+def _read(
+    columns: list[h5py.Dataset], stream: _Stream, order: dict[str, int], start: int, stop: int
+) -> list[NDArray]:
     try:
-        blocks = [column[start:stop] for column in columns]
+        blocks = [_part(column, start, stop, stream.table) for column in columns]
     except (OSError, RuntimeError) as error:
         raise InputError(
             f"events {start} to {stop} of {stream.name} cannot be read (damaged?): {error}"
         ) from None
-    if stream.format == "mvsec":
-        return [np.ascontiguousarray(column) for column in blocks[0].T]
+    if stream.table:
+        return [np.ascontiguousarray(blocks[0][:, order[key]]) for key in "xytp"]
     if len(blocks) == 1:
         assert stream.fields is not None
         return [np.ascontiguousarray(blocks[0][stream.fields[key]]) for key in "xytp"]
     return blocks
 
 
-def _step(columns: list[h5py.Dataset]) -> int:
+def _step(columns: list[h5py.Dataset], table: bool) -> int:
     """Return how many rows to read at a time: whole chunks of the largest kind."""
-    chunk = max((column.chunks[0] for column in columns if column.chunks), default=_ROWS)
+    chunk = max((c.chunks[_long(c, table)] for c in columns if c.chunks), default=_ROWS)
     return int(chunk * max(1, _ROWS // chunk))
 
 

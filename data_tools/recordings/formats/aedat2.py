@@ -1,0 +1,100 @@
+"""AEDAT 2.0 (jAER): a text header, then pairs of big-endian words, an address and a time [us].
+
+What an address means depends on the chip, which the header names: DVS128, or one of the DAVIS,
+whose samples of frames and of the IMU, and triggers, are passed over.  jAER counts columns from the
+right and rows from below; here they count from the upper left, as everywhere.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from data_tools.recordings.formats import Columns, Options, Source
+from data_tools.recordings.formats._aedat_header import MAGIC, chip_size, read_header, version
+from data_tools.recordings.formats._blocks import read_blocks
+from evcalib.arrays import Integers
+from evcalib.errors import InputError
+
+NAMES = ("aedat2",)
+
+BLOCK_BYTES = 1 << 22
+RECORD_BYTES = 8
+
+_HALF = 1 << 31
+_CHIP = "# AEChip:"
+_DVS128 = (128, 128)
+
+
+def matches(path: Path, head: bytes) -> bool:
+    """Tell whether the file starts with the format's line, of version 1 or 2."""
+    return head.startswith(MAGIC) and version(head)[:1] in ("1", "2")
+
+
+def open(path: Path, options: Options) -> Source:
+    """Open a file of version 2.0; the size says which chip, where the header does not."""
+    lines, start = read_header(path)
+    told = version(lines[0].encode())
+    if told != "2.0":
+        raise InputError(f"{path} is of version {told} of AEDAT; 2.0, 3.1 and 4.0 are read")
+    chip = next((line[len(_CHIP) :].strip() for line in lines if line.startswith(_CHIP)), "")
+    size = chip_size(chip)
+    if chip and size is None:
+        raise InputError(f"{path} is of the chip {chip}, whose addresses are not known")
+    width, height = options.sensor(path, size)
+    if chip_size(chip or {_DVS128: "DVS128"}.get((width, height), "DAVIS240")) is None:
+        raise InputError(f"{path}: no chip of {width}x{height} px is known")
+    dvs = "DVS128" in chip.upper() if chip else (width, height) == _DVS128
+    notes = () if chip else (f"the file names no chip: {'DVS128' if dvs else 'a DAVIS'} was taken",)
+
+    def pieces(losses: Counter[str]) -> Iterator[Columns]:
+        clock = Clock(32)
+        for block in read_blocks(path, start, BLOCK_BYTES):
+            words = np.frombuffer(block, ">u4", len(block) // RECORD_BYTES * 2)
+            x, y, t, p = (_dvs128 if dvs else _davis)(words.reshape(-1, 2).astype(np.int64))
+            x, y = width - 1 - x, height - 1 - y
+            keep = (x >= 0) & (y >= 0)
+            losses["events outside the sensor"] += int(np.count_nonzero(~keep))
+            xs, ys = x[keep].astype(np.uint16), y[keep].astype(np.uint16)
+            yield Columns(xs, ys, clock(t[keep]), p[keep])
+            rest = len(block) % RECORD_BYTES
+            if rest:
+                losses["bytes of a cut-off last event"] += rest
+
+    return Source("aedat2", width, height, pieces, notes)
+
+
+class Clock:
+    """Times of a clock of few bits, which starts anew when it is full, as a time that goes on."""
+
+    def __init__(self, bits: int) -> None:
+        self._loop = 1 << bits
+        self._last: int | None = None
+        self._added = 0
+
+    def __call__(self, t: Integers) -> Integers:
+        """Return times [us]; a step by more than half the range is a loop of the clock."""
+        if not t.size:
+            return t
+        steps = np.diff(t, prepend=t[0] if self._last is None else self._last)
+        half = self._loop // 2
+        loops = np.cumsum((steps < -half).astype(np.int64) - (steps > half)) * self._loop
+        self._last, added = int(t[-1]), self._added
+        self._added += int(loops[-1])
+        return t + loops + added
+
+
+def _dvs128(records: NDArray[np.int64]) -> tuple[Integers, Integers, Integers, NDArray[np.bool_]]:
+    """Return x, y, t, p: 7 bits of each above the polarity, 0 for ON; bit 15 marks a trigger."""
+    address, t = records[(records[:, 0] & 0x8000) == 0].T
+    return (address >> 1) & 0x7F, (address >> 8) & 0x7F, t, (address & 1) == 0
+
+
+def _davis(records: NDArray[np.int64]) -> tuple[Integers, Integers, Integers, NDArray[np.bool_]]:
+    """Return x, y, t, p: bit 31 marks samples of frames and the IMU, bit 10 triggers."""
+    address, t = records[(records[:, 0] & 0x80000400) == 0].T
+    return (address >> 12) & 0x3FF, (address >> 22) & 0x1FF, t, (address & 0x800) != 0
