@@ -65,7 +65,7 @@ def open(path: Path, options: Options) -> Source:
             if rest:
                 losses["bytes of a cut-off last event"] += rest
 
-    return Source("aedat2", width, height, pieces, notes)
+    return Source("aedat2", width, height, pieces, notes, fixed="us", turn_us=1 << 32)
 
 
 class Clock:

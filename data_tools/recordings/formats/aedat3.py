@@ -58,7 +58,7 @@ def open(path: Path, options: Options) -> Source:
             t = data[:, 1] + (overflow << 31)
             yield Columns(x.astype(np.uint16), y.astype(np.uint16), t, data[:, 0] & 2 == 2)
 
-    return Source("aedat3", width, height, pieces)
+    return Source("aedat3", width, height, pieces, fixed="us")
 
 
 def _chosen(path: Path, sources: dict[str, str], options: Options) -> str | None:

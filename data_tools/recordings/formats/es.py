@@ -57,4 +57,4 @@ def open(path: Path, options: Options) -> Source:
         if state[kernels.MEASURED]:
             losses["measurements of exposure"] += int(state[kernels.MEASURED])
 
-    return Source("es", width, height, pieces, (_ORIGIN,))
+    return Source("es", width, height, pieces, (_ORIGIN,), fixed="us")

@@ -50,7 +50,8 @@ def open(path: Path, options: Options) -> Source:
         for first in range(0, columns[2].size, _ROWS):
             yield convert(*(column[first : first + _ROWS] for column in columns))
 
-    return Source("mat", width, height, pieces, (*note, FROM_ONE))
+    guessed = None if unit else "us"
+    return Source("mat", width, height, pieces, (*note, FROM_ONE), guessed=guessed)
 
 
 def _load(path: Path) -> dict[str, Value]:

@@ -67,7 +67,7 @@ def open(path: Path, options: Options) -> Source:
         except OSError as error:
             raise InputError(f"cannot read {path}: {error.strerror or error}") from None
 
-    return Source("npy", width, height, pieces, notes)
+    return Source("npy", width, height, pieces, notes, guessed=None if unit else "us")
 
 
 def _check(path: Path, head: ArrayHead, held: int) -> int:
