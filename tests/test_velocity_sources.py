@@ -104,8 +104,9 @@ def test_mapped_velocities_and_the_yaw_limit(csv):
     np.testing.assert_allclose(source.velocities.v, V[:2])
     np.testing.assert_allclose(source.velocities.yaw_rate, YAW[:2])
     assert source.notes == ("2 of 4 rows over the yaw-rate limit",)
+    offset = columns | {"yaw_rate": {"column": "turn", "unit": "deg/s", "offset": 100}}
     with pytest.raises(InputError, match="all 4 rows turn faster than 1e-09 rad/s"):
-        read_body_velocities(csv, columns=columns | {"yaw_rate": "east"}, max_yaw_rate=1e-9)
+        read_body_velocities(csv, columns=offset, max_yaw_rate=1e-9)
     with pytest.raises(InputError, match="which have no slip: max_slip needs wheels"):
         read_body_velocities(csv, columns=columns, max_slip=0.1)
 

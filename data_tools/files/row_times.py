@@ -56,8 +56,8 @@ def advancing(
         row = int(np.argmax(np.diff(t) < 0)) + 1
         raise InputError(
             f"{where(row)}: its time is {float(t[row - 1] - t[row]) / per_second:.3f} s"
-            " before that of the row before: the clock was set, or rows are not in order; sort them, or use"
-            " the part before or after that"
+            " before that of the row before: the clock was set, or rows are not in order; sort"
+            " them, or use the part before or after that"
         )
     keep = _without_stray_ends(t, keep, max_jump * per_second)
     notes = []
