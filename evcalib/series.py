@@ -21,6 +21,11 @@ A choice: no wheeled vehicle of ours is as fast, and mm/s of one that walks are 
 MAX_YAW_RATE = 4 * np.pi
 """Yaw rates above two turns per second [rad/s] are taken for degrees."""
 
+QUARTER, MOST_HOURS = 900.0, 26.0
+"""Time zones are multiples of this [s], and the clocks of two at most so many hours apart."""
+UNIX = 3e8
+"""Clocks farther apart than this [s], ten years, do not count from one origin."""
+
 _TOUCH = 1e-5
 """Times [s] may lie so far outside their interval, by rounding.
 
@@ -243,3 +248,35 @@ def bins(since: Floats, width: float) -> Integers:
     Counted in whole microseconds, so that rounding moves no time across a border.
     """
     return np.rint(np.asarray(since) / BORDER).astype(np.int64) // max(round(width / BORDER), 1)
+
+
+def clocks_apart(camera: tuple[float, float], body: tuple[float, float]) -> str:
+    """Say what may have set the clocks of two streams apart, and how to bring them together.
+
+    Parameters
+    ----------
+    camera, body : tuple of (float, float)
+        First and last time [s] on each clock.
+
+    Returns
+    -------
+    str
+        To be put behind a message that they do not overlap.
+    """
+    gap = body[0] - camera[0]
+    hours = round(gap / QUARTER) * QUARTER / 3600
+    longest = max(camera[1] - camera[0], body[1] - body[0], 1.0)
+    if 0 < abs(hours) <= MOST_HOURS and abs(gap - 3600 * hours) <= longest:
+        return (
+            f"; the starts are {gap:.3f} s apart, about {abs(hours):g} h: a time zone? then shift the"
+            f" motion's times (--clock-shift {-3600 * hours:g})"
+        )
+    if abs(gap) > UNIX:
+        return (
+            f"; one clock counts from 1970, the other one does not: shift the motion's times, by"
+            f" {-gap:.3f} s if both logs start together (--clock-shift)"
+        )
+    return (
+        f"; the starts are {gap:.3f} s apart: if both logs start together, shift the motion's times"
+        f" (--clock-shift {-gap:.3f})"
+    )

@@ -17,7 +17,7 @@ from evcalib import checks
 from evcalib.arrays import Floats
 from evcalib.checks import whole_us
 from evcalib.errors import InputError
-from evcalib.kinematics import BodyVelocities, Vehicle, WheelLog, body_velocities
+from evcalib.kinematics import BodyVelocities, Vehicle, WheelLog, WheelStates, body_velocities
 from evcalib.series import VelocitySeries
 
 MIN_STEP = 1e-4
@@ -40,12 +40,16 @@ class VelocitySource:
         Slip, and what the limits left out, if wheels were read.
     notes : tuple of str
         What was taken for granted or left out.
+    vehicle, states : Vehicle and WheelStates, or None
+        What the velocities were made from, if wheels were read: all rows.
     """
 
     name: str
     velocities: VelocitySeries
     wheels: BodyVelocities | None = None
     notes: tuple[str, ...] = ()
+    vehicle: Vehicle | None = None
+    states: WheelStates | None = None
 
     def limited(
         self, *, max_slip: float | None = None, max_yaw_rate: float | None = None
@@ -156,7 +160,7 @@ def read_body_velocities(
         motion = replace(motion, t=motion.t - origin / 1e6)
     if clock_shift:
         motion = replace(motion, t=motion.t + clock_shift)
-        notes.append(f"{clock_shift:+g} s were added to all times (clock shift)")
+        notes.append(f"{clock_shift:+g} s were added to all times: an offset is of the clock so shifted")
     if isinstance(motion, WheelLog):
         assert not isinstance(vehicle, str | Path | None)
         try:
@@ -164,7 +168,9 @@ def read_body_velocities(
         except InputError as error:
             raise InputError(f"{path}: {error}") from None
         notes.append(body.summary())
-        whole = VelocitySource(str(path), body.velocities, body, tuple(notes))
+        whole = VelocitySource(
+            str(path), body.velocities, body, tuple(notes), vehicle, motion.states
+        )
     else:
         whole = VelocitySource(str(path), motion, notes=tuple(notes))
     return whole.limited(max_slip=max_slip, max_yaw_rate=max_yaw_rate)

@@ -124,7 +124,12 @@ def run_files(
             run,
             recording=_description(events, run),
             losses=dict(events.losses),
-            settings={**run.settings, "max_slip": max_slip, "max_yaw_rate": max_yaw_rate},
+            settings={
+                **run.settings,
+                "max_slip": max_slip,
+                "max_yaw_rate": max_yaw_rate,
+                **({"clock_shift": shift} if (shift := (motion or {}).get("clock_shift")) else {}),
+            },
             timings={"velocities": spent, **run.timings},
             command=command,
             truth=truth,

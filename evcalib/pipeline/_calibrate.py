@@ -23,7 +23,7 @@ from evcalib.kinematics import MAX_REACH, BodyVelocities
 from evcalib.kinematics.velocity_track import velocity_track
 from evcalib.pipeline._assessment import RefinedCalibration, finish, keep, offset_observable
 from evcalib.pipeline._run import CalibrationRun, Gating, package_versions
-from evcalib.series import VelocitySeries
+from evcalib.series import VelocitySeries, clocks_apart
 
 REFINEMENTS = ("tracks", "none")
 
@@ -250,7 +250,7 @@ def _overlapping(
             raise InputError(
                 f"the events begin at {start:.3f} s, the velocities end at {body.t[-1]:.3f} s: no"
                 f" overlap within +-{max_offset:g} s; bring the clocks together, or raise"
-                " max_offset"
+                f" max_offset{clocks_apart((start, start), (body.t[0], body.t[-1]))}"
             )
     return chain([] if first is None else [first], pieces)
 
