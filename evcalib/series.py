@@ -268,8 +268,8 @@ def clocks_apart(camera: tuple[float, float], body: tuple[float, float]) -> str:
     longest = max(camera[1] - camera[0], body[1] - body[0], 1.0)
     if 0 < abs(hours) <= MOST_HOURS and abs(gap - 3600 * hours) <= longest:
         return (
-            f"; the starts are {gap:.3f} s apart, about {abs(hours):g} h: a time zone? then shift the"
-            f" motion's times (--clock-shift {-3600 * hours:g})"
+            f"; the starts are {gap:.3f} s apart, about {abs(hours):g} h: a time zone? then shift"
+            f" the motion's times (--clock-shift {-3600 * hours:g})"
         )
     if abs(gap) > UNIX:
         return (

@@ -2,7 +2,8 @@
 
 A headings file has the columns ``t,vx,vy,vz`` and, optionally, ``t_start,t_end`` [s], ``weight``,
 ``sd_deg`` [deg], ``inliers`` and ``valid`` (0 or 1).  A velocities file has ``t,vx,vy``, and
-optionally ``vz`` [m/s] and ``yaw_rate`` [rad/s].
+optionally ``vz`` [m/s], ``yaw_rate`` [rad/s] and ``direction_sd_deg`` (the error that all
+directions share, see `evcalib.series.VelocitySeries`).
 """
 
 from __future__ import annotations
@@ -107,8 +108,8 @@ def read_velocities(
     InputError
         If the file is empty, lacks a column or has one misspelt, or a row is unusable.
     """
-    needed, optional = ("t", "vx", "vy"), ("vz", "yaw_rate")
-    names = {3: needed, 5: needed + optional}
+    needed, optional = ("t", "vx", "vy"), ("vz", "yaw_rate", "direction_sd_deg")
+    names = {3: needed, 5: needed + optional[:2]}
     table, entries = read_mapped(path, columns, time_unit=time_unit, names=names)
     table = check_times(_checked(table, needed, optional), max_step=MAX_STEP)
     if notes is not None:
@@ -119,7 +120,8 @@ def read_velocities(
     v_z = found.get("vz", np.zeros_like(found["t"]))
     try:
         v = np.stack([found["vx"], found["vy"], v_z], axis=1)
-        return VelocitySeries(found["t"], v, found.get("yaw_rate"))
+        shared = np.radians(np.max(found.get("direction_sd_deg", 0.0)))
+        return VelocitySeries(found["t"], v, found.get("yaw_rate"), direction_sd=float(shared))
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
 
@@ -130,6 +132,9 @@ def write_velocities(path: str | Path, velocities: VelocitySeries) -> None:
     columns = {"t": velocities.t, "vx": x, "vy": y, "vz": z}
     if velocities.yaw_rate is not None:
         columns["yaw_rate"] = velocities.yaw_rate
+    if velocities.direction_sd:
+        sd = np.degrees(velocities.direction_sd)
+        columns["direction_sd_deg"] = np.full(velocities.t.size, sd)
     write_table(path, columns)
 
 

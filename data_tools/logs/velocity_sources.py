@@ -160,7 +160,9 @@ def read_body_velocities(
         motion = replace(motion, t=motion.t - origin / 1e6)
     if clock_shift:
         motion = replace(motion, t=motion.t + clock_shift)
-        notes.append(f"{clock_shift:+g} s were added to all times: an offset is of the clock so shifted")
+        notes.append(
+            f"{clock_shift:+g} s were added to all times: an offset is of the clock so shifted"
+        )
     if isinstance(motion, WheelLog):
         assert not isinstance(vehicle, str | Path | None)
         try:

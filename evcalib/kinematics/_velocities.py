@@ -16,7 +16,9 @@ from evcalib.series import VelocitySeries
 
 WARN_SLIP, REFUSE_SLIP = 1 / 10, 1 / 3
 """Shares of the wheels' speed over which slip is told and counted, and over which it is refused.
-SLIPNOTE"""
+A choice between what was measured: real mecanum wheels 0.6 % (`pytest tests/test_real_wheels.py`);
+a steering zero of 3 deg in one wheel of four 2 %, steering in degrees or any zeros 40 to 90 %
+(`pytest tests/test_slip.py`).  Three omni wheels never contradict each other."""
 MOVING = 0.1
 """Share of the usual top speed of the wheels above which slip is judged."""
 
