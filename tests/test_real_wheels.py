@@ -65,6 +65,8 @@ def test_ticks_give_the_velocity_that_motion_capture_saw(data, run):
           f" direction {angle.mean():+.1f} +- {angle.std():.1f} deg,"
           f" yaw rate {turn.mean():+.2f} +- {turn.std():.2f} deg/s")  # fmt: skip
     assert abs(speed.mean()) < 1.5
-    assert abs(np.median(angle)) < 8
-    assert np.corrcoef(np.abs(told[use]), np.abs(seen[use]))[0, 1] > 0.3 or speed.std() < 1
-    assert turn.std() < 8
+    assert speed.std() < 2.5
+    assert abs(angle.mean()) < 4
+    assert angle.std() < 12
+    assert abs(turn.mean()) < 1
+    assert turn.std() < 4

@@ -102,8 +102,8 @@ def read_table(
             header = list((names or {}).get(cells.width, ()))
             if not header:
                 raise InputError(
-                    f"{path} line {cells.lines[0] if cells.lines.size else 1} holds numbers: no line"
-                    " names the columns; add one, or name them by number in a column map"
+                    f"{path} line {cells.lines[0] if cells.lines.size else 1} holds numbers: no"
+                    " line names the columns; add one, or name them by number in a column map"
                     " (--columns), as in t: 1"
                 )
             notes.append(f"no header: columns are taken to be {', '.join(header)}")
