@@ -141,8 +141,8 @@ class _Comparison:
         if not usable or not np.isfinite(v).all():
             return cls(0.0, 0.0, 0.0, False, False, 0.0, None, (np.zeros(0), np.zeros(0)))
         R = Rotation.from_quat(q)
-        edges = np.searchsorted(t, np.arange(t[0], t[-1], WINDOW))
-        edges = np.unique(np.append(edges[:-1], t.size - 1))
+        edges = np.searchsorted(t, np.arange(t[0], t[-1] - WINDOW / 2, WINDOW))
+        edges = np.unique(np.concatenate([[0], edges, [t.size - 1]]))
         keep = np.diff(t[edges]) <= max(4 * WINDOW, 3 * float(np.median(np.diff(t))))
         way, body, ground = (
             np.diff(path[edges], axis=0)[keep] for path in (p, _way(t, R.apply(v)), _way(t, v))
