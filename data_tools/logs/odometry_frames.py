@@ -18,7 +18,7 @@ from evcalib import checks
 from evcalib.arrays import Floats
 from evcalib.errors import InputError
 
-GROUND = {"map", "odom", "odom_combined", "world", "earth", "utm", "enu", "ned", "global", "local"}
+GROUND = {"map", "odom", "odom_combined", "world", "earth", "utm", "enu", "global", "local"}
 """Last words of names of frames that stand still (REP 105 and common drivers)."""
 TWIST_FRAMES = ("body", "ground")
 
