@@ -219,3 +219,10 @@ def test_trajectories_are_told_by_their_names_whatever_the_order(tmp_path):
     path.write_text("t,a,b,c,d,e,f,g\n" + rows)
     with pytest.raises(InputError, match=r"lacks x, y, z, qx, qy, qz, qw of a TUM .*; it has t, a"):
         read_tum(path)
+
+
+def test_a_row_that_is_cut_before_its_last_cell_is_not_held(tmp_path):
+    (tmp_path / "v.csv").write_text("t,vx,vy\n0,1,1\n1,2,2\n2,3,")
+    notes = []
+    assert len(read_velocities(tmp_path / "v.csv", notes=notes)) == 2
+    assert notes == ["the last line ends within its row, which was left out"]

@@ -239,6 +239,10 @@ def _read_cells(path: str | Path) -> _Cells:
         rows, places = _rows(path, numbered, width, separator)
     except csv.Error:
         raise InputError(f"{path} is not a CSV text file") from None
+    if rows and places[-1] == len(lines) and not rows[-1][-1].strip():
+        rows.pop()
+        places.pop()
+        notes.append("the last line ends within its row, which was left out")
     if numbered.comments:
         notes.append(f"{numbered.comments} comments between rows were passed over")
     if separator != ",":
