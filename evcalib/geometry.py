@@ -101,3 +101,69 @@ def rpy_to_matrix(rpy: ArrayLike) -> Floats:
     array([0., 1., 0.])
     """
     return Rotation.from_euler("xyz", rpy).as_matrix()
+
+
+STEEP = 80.0
+"""Above this elevation [deg] left and right of an optical axis say little.
+
+A choice: here an error of the axis of 1 deg moves its azimuth by 1 / cos(80 deg) = 6 deg.
+"""
+UPRIGHT = 5.0
+"""An image rolled by less than this [deg] is called upright; the eye takes it for that."""
+
+
+def mounting(R_body_cam: ArrayLike) -> Floats:
+    """Return roll, pitch, yaw [deg] against a camera that looks straight ahead, level.
+
+    Parameters
+    ----------
+    R_body_cam : ndarray, shape (3, 3)
+        ``v_body = R_body_cam @ v_cam``.
+
+    Returns
+    -------
+    ndarray, shape (3,)
+        Positive: right side down, looking down, looking left.
+    """
+    return np.degrees(matrix_to_rpy(np.asarray(R_body_cam) @ LOOKS_FORWARD.T))
+
+
+def camera_looks(R_body_cam: ArrayLike) -> str:
+    """Say where a camera looks, so that a person sees whether that can be.
+
+    Parameters
+    ----------
+    R_body_cam : ndarray, shape (3, 3)
+        ``v_body = R_body_cam @ v_cam``.
+
+    Returns
+    -------
+    str
+        Such as ``forward, tilted down by 12 deg; image upright``.
+
+    Examples
+    --------
+    >>> camera_looks(LOOKS_FORWARD)
+    'forward; image upright'
+    """
+    R = np.asarray(R_body_cam, dtype=np.float64)
+    ahead, top = R[:, 2], -R[:, 1]
+    up = float(np.degrees(np.arcsin(np.clip(ahead[2], -1.0, 1.0))))
+    sides = ("forward", "to the left", "backward", "to the right")
+    if abs(up) > STEEP:
+        side = sides[round(float(np.arctan2(top[1], top[0])) / (np.pi / 2)) % 4]
+        return f"{'up' if up > 0 else 'down'}; the top of the image points {side}"
+    yaw = float(np.degrees(np.arctan2(ahead[1], ahead[0])))
+    quarter = round(yaw / 90.0)
+    rest, roll = yaw - 90.0 * quarter, float(mounting(R)[0])
+    words = [sides[quarter % 4]]
+    if abs(rest) >= 0.5:
+        words.append(f"turned to the {'left' if rest > 0 else 'right'} by {abs(rest):.0f} deg")
+    if abs(up) >= 0.5:
+        words.append(f"tilted {'up' if up > 0 else 'down'} by {abs(up):.0f} deg")
+    image = f"image rolled, its {'right' if roll > 0 else 'left'} side down by {abs(roll):.0f} deg"
+    if abs(roll) < UPRIGHT:
+        image = "image upright"
+    elif abs(roll) > 180 - UPRIGHT:
+        image = "image upside down"
+    return f"{', '.join(words)}; {image}"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,14 @@ MAX_SPEED = 100.0
 
 A choice: no wheeled vehicle of ours is as fast, and mm/s of one that walks are 1000.
 """
+
+MAX_YAW_RATE = 4 * np.pi
+"""Yaw rates above two turns per second [rad/s] are taken for degrees."""
+
+QUARTER, MOST_HOURS = 900.0, 26.0
+"""Time zones are multiples of this [s], and the clocks of two at most so many hours apart."""
+UNIX = 3e8
+"""Clocks farther apart than this [s], ten years, do not count from one origin."""
 
 _TOUCH = 1e-5
 """Times [s] may lie so far outside their interval, by rounding.
@@ -51,6 +59,9 @@ class VelocitySeries(Shown):
         Rotation rate about the body's Z axis [rad/s].
     frame : str
         Name of the frame, ``"body"`` by default.
+    direction_sd : float
+        Standard deviation [rad] of an error that all directions may share, such as wheels leave
+        that contradict each other; no average takes it away.
 
     Raises
     ------
@@ -67,12 +78,22 @@ class VelocitySeries(Shown):
     v: Floats
     yaw_rate: Floats | None = None
     frame: str = "body"
+    direction_sd: float = 0.0
 
     def __post_init__(self) -> None:
         t = checks.times(self.t, "velocity t")
         _set(self, "t", t)
         _set(self, "v", checks.floats(self.v, "velocity v", (t.size, 3)))
         _set(self, "yaw_rate", _optional(self.yaw_rate, "yaw_rate", t.size))
+        checks.at_least_zero(self.direction_sd, "velocity direction_sd")
+        turn = 0.0 if self.yaw_rate is None else np.abs(self.yaw_rate)
+        if np.max(turn, initial=0.0) > MAX_YAW_RATE:
+            row = int(np.argmax(turn))
+            raise InputError(
+                f"velocity row {row} has a yaw rate of {np.max(turn):.3g} rad/s, above"
+                f" {MAX_YAW_RATE:.3g} rad/s; is it in degrees per second? (a column map reads them:"
+                " yaw_rate: {column: NAME, unit: deg/s})"
+            )
         speed = self.speed
         if speed.size and speed.max() > MAX_SPEED:
             row = int(speed.argmax())
@@ -96,7 +117,8 @@ class VelocitySeries(Shown):
 
     def select(self, mask: Flags) -> VelocitySeries:
         """Return the rows where `mask` (shape (n,)) is True."""
-        return VelocitySeries(self.t[mask], self.v[mask], _rows(self.yaw_rate, mask), self.frame)
+        yaw_rate = _rows(self.yaw_rate, mask)
+        return replace(self, t=self.t[mask], v=self.v[mask], yaw_rate=yaw_rate)
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,3 +248,35 @@ def bins(since: Floats, width: float) -> Integers:
     Counted in whole microseconds, so that rounding moves no time across a border.
     """
     return np.rint(np.asarray(since) / BORDER).astype(np.int64) // max(round(width / BORDER), 1)
+
+
+def clocks_apart(camera: tuple[float, float], body: tuple[float, float]) -> str:
+    """Say what may have set the clocks of two streams apart, and how to bring them together.
+
+    Parameters
+    ----------
+    camera, body : tuple of (float, float)
+        First and last time [s] on each clock.
+
+    Returns
+    -------
+    str
+        To be put behind a message that they do not overlap.
+    """
+    gap = body[0] - camera[0]
+    hours = round(gap / QUARTER) * QUARTER / 3600
+    longest = max(camera[1] - camera[0], body[1] - body[0], 1.0)
+    if 0 < abs(hours) <= MOST_HOURS and abs(gap - 3600 * hours) <= longest:
+        return (
+            f"; the starts are {gap:.3f} s apart, about {abs(hours):g} h: a time zone? then shift"
+            f" the motion's times (--clock-shift {-3600 * hours:g})"
+        )
+    if abs(gap) > UNIX:
+        return (
+            f"; one clock counts from 1970, the other one does not: shift the motion's times, by"
+            f" {-gap:.3f} s if both logs start together (--clock-shift)"
+        )
+    return (
+        f"; the starts are {gap:.3f} s apart: if both logs start together, shift the motion's times"
+        f" (--clock-shift {-gap:.3f})"
+    )

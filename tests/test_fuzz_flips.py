@@ -123,7 +123,7 @@ def test_a_line_that_a_flipped_bit_made_a_comment_is_not_lost_unseen(tmp_path, n
     path = tmp_path / f"input{target.suffix}"
     path.write_text(lines.replace("\n3", "\n#"))
     if name == "tum":
-        with pytest.raises(InputError, match="line 2: a comment that looks like a damaged pose"):
+        with pytest.raises(InputError, match="line 2: a comment that looks like a damaged row"):
             target.read(path)
         return
     found, losses = read_events(path, size=(64, 48))

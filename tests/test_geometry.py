@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from evcalib import geometry
 from evcalib.geometry import (
     angle_between,
     matrix_to_quaternion,
@@ -121,3 +122,27 @@ def test_a_seed_draws_the_rotation_that_it_always_drew():
 def test_no_rotation_has_no_angle():
     assert np.isnan(rotation_angle(np.full((3, 3), np.nan)))
     assert np.isnan(matrix_to_rpy(np.full((3, 3), np.nan))).all()
+
+
+@pytest.mark.parametrize(
+    ("rpy", "words"),
+    [
+        ((0, 0, 0), "forward; image upright"),
+        ((0, 12, 0), "forward, tilted down by 12 deg; image upright"),
+        ((2, -30, 20), "forward, turned to the left by 20 deg, tilted up by 30 deg; image upright"),
+        ((180, 0, 0), "forward; image upside down"),
+        ((30, 0, -90), "to the right; image rolled, its right side down by 30 deg"),
+        ((-30, 0, 100), "to the left, turned to the left by 10 deg; image rolled, its left side"),
+        ((0, 0, 178), "backward, turned to the right by 2 deg; image upright"),
+        ((0, 90, 0), "down; the top of the image points forward"),
+        ((0, 85, 90), "down; the top of the image points to the left"),
+        ((0, -90, 0), "up; the top of the image points backward"),
+    ],
+)
+def test_where_a_camera_looks_is_said_in_words(rpy, words):
+    R = geometry.rpy_to_matrix(np.radians(rpy)) @ geometry.LOOKS_FORWARD
+    assert geometry.camera_looks(R).startswith(words)
+    np.testing.assert_allclose(
+        geometry.rpy_to_matrix(np.radians(geometry.mounting(R))) @ geometry.LOOKS_FORWARD,
+        R, atol=1e-9,
+    )  # fmt: skip

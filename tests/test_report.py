@@ -148,12 +148,12 @@ def test_numbers_are_those_of_the_run(page):
 @pytest.mark.parametrize(
     ("rpy", "words"),
     [
-        ((0, 0, 0), "straight ahead, level, not rolled"),
-        ((0, 30, 0), "straight ahead, 30.0 deg down, not rolled"),
-        ((0, 0, 90), "90.0 deg to the left, level, not rolled"),
-        ((10, 0, -20), "20.0 deg to the right, level, rolled by 10.0 deg to its right"),
-        ((-5, -15, 0), "straight ahead, 15.0 deg up, rolled by 5.0 deg to its left"),
-        ((0, 90, 0), "looks downwards."),
+        ((0, 0, 0), "forward; image upright."),
+        ((0, 30, 0), "forward, tilted down by 30 deg; image upright."),
+        ((0, 0, 90), "to the left; image upright."),
+        ((10, 0, -20), "turned to the right by 20 deg; image rolled, its right side down"),
+        ((-9, -15, 0), "up by 15 deg; image rolled, its left side down by 9 deg"),
+        ((0, 90, 0), "looks down; the top of the image points forward."),
     ],
 )
 def test_the_mounting_in_words(rpy, words):

@@ -61,9 +61,9 @@ def test_velocities_need_no_vz_and_take_columns_in_any_order(tmp_path):
     ("text", "message"),
     [
         ("t,vx\n0,1\n1,1\n", "lacks the column.*vy"),
-        ("t,vx,vy,speed\n0,1,1,1\n1,1,1,1\n", "unknown column.*speed"),
+        ("t,vx,vy,yawrate\n0,1,1,1\n1,1,1,1\n", r"unknown column.*yawrate; is it yaw_rate\?"),
         ("t,vx,vy\n0,1,inf\n1,1,1\n", "line 2: vy is 'inf'"),
-        ("t,vx,vy\n0,1,1\n0,1,1\n", "line 3: time 0.0+ s repeats"),
+        ("t,vx,vy\n0,1,1\n0,1,1\n", "line 3: of 2 rows the times of 1 are usable"),
         ("t,vx,vy\n0,1,1\n1,1\n", "line 3 has 2 values"),
     ],
 )

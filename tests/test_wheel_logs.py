@@ -68,13 +68,17 @@ def replaced(old, new):
         ("\n\n", "is empty"),
         (HEADER, "has no row below its header; at least two are needed"),
         (HEADER + "0,1,0,1,0\n", "has one row below its header"),
-        (GOOD + "0.2,nan,0,1,0\n", "line 4: speed_a is 'nan', not a finite number"),
         (GOOD + "0.2,1,0,1,-inf\n", "line 4: steer_b is '-inf', not a finite number"),
         (GOOD + "0.2,1,0,fast,0\n", "line 4: speed_b is 'fast', not a finite number"),
-        (GOOD + "0.2,1,0,,0\n", "line 4: speed_b is '', not a finite number"),
-        (GOOD + "\n0.2,1,0,1\n", "line 5 has 4 values, but the header names 5 columns"),
-        (GOOD + "0.1,1,0,1,0\n", "line 4: time 0.100000 s repeats in column t"),
-        (GOOD + "0.05,1,0,1,0\n", "line 4: time 0.050000 s goes back in column t"),
+        (GOOD + "\n0.2,1,0,1\n", "line 5 has 4 values, but the first line has 5 columns"),
+        (
+            HEADER + 2 * "0.1,1,0,1,0\n",
+            "line 3: of 2 rows the times of 1 are usable",
+        ),
+        (
+            GOOD + "-0.5,1,0,1,0\n-0.4,1,0,1,0\n",
+            "line 4: its time is 0.600 s before that of the row before: the clock was set",
+        ),
         (replaced("t,speed_a", "t,t"), "names the column t twice"),
         (replaced("t,speed_a", "time,speed_a"), "lacks the column(s) t; columns must be t,"),
         (
@@ -84,7 +88,10 @@ def replaced(old, new):
         (replaced("steer_b", "steer_c"), "wheel(s) b moved"),
         ("t,speed_a,steer_a\n0,1,0\n1,1,0\n", "speed_b, steer_b: nothing to say how wheel(s) b"),
         (replaced("steer_b\n", "steer_b,speed_c\n"), "line 2 has 5 values"),
-        ("t,speed_a,steer_a,speed_b,steer_b,mode\n0,1,0,1,0,1\n1,1,0,1,0,1\n", "column(s) mode"),
+        (
+            "t,speed_a,steer_a,speed_b,steer_b,speed_c\n0,1,0,1,0,1\n1,1,0,1,0,1\n",
+            "column(s) speed_c, which this vehicle does not",
+        ),
         (GOOD + "0.2,400,0,1,0\n", "line 4: speed_a is 400 m/s, beyond 100 m/s"),
         (
             GOOD + "0.2,1,0,1,-45\n",
@@ -92,7 +99,7 @@ def replaced(old, new):
         ),
         (
             replaced("0.1,1.0,0.1,1.0", "20,1.0,0.1,1.0"),
-            "step of column t is 20; are the times in s",
+            "which would be 0.02 s in ms; are the times in seconds? say their unit (--time-unit;",
         ),
     ],
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -28,6 +29,20 @@ Columns = Annotated[
 Topic = Annotated[str | None, typer.Option(help="Topic of the bag that tells the motion.")]
 WheelRadius = Annotated[
     float | None, typer.Option(help="Wheel radius in metres, for wheels given in rad/s.")
+]
+MotionTimeUnit = Annotated[
+    str | None,
+    typer.Option(help="s, ms, us or ns: unit of the motion's times (CSV), if not seconds."),
+]
+ClockShift = Annotated[
+    float,
+    typer.Option(help="Seconds to add to the motion's times, such as -3600 for a time zone."),
+]
+TwistFrame = Annotated[
+    str | None,
+    typer.Option(
+        help="body or ground: the frame of a bag's twists, if the bag contradicts itself."
+    ),
 ]
 
 
@@ -62,6 +77,9 @@ def calibrate(
     columns: Columns = None,
     topic: Topic = None,
     wheel_radius: WheelRadius = None,
+    motion_time_unit: MotionTimeUnit = None,
+    clock_shift: ClockShift = 0.0,
+    twist_frame: TwistFrame = None,
     time_unit: common.TimeUnit = None,
     format: common.Format = None,
     disorder: common.Disorder = "refuse",
@@ -94,7 +112,14 @@ def calibrate(
             "disorder": disorder,
             "stream": stream,
         },
-        motion={"columns": columns, "topic": topic, "wheel_radius": wheel_radius},
+        motion={
+            "columns": columns,
+            "topic": topic,
+            "wheel_radius": wheel_radius,
+            "time_unit": motion_time_unit,
+            "clock_shift": clock_shift,
+            "twist_frame": twist_frame,
+        },
         on_stage=lambda name: common.note(f"{name} ..."),
         max_offset=max_offset,
         offset=offset,
@@ -168,8 +193,20 @@ def velocities(
     columns: Columns = None,
     topic: Topic = None,
     wheel_radius: WheelRadius = None,
+    time_unit: MotionTimeUnit = None,
+    clock_shift: ClockShift = 0.0,
+    twist_frame: TwistFrame = None,
+    plot: Annotated[
+        Path | None,
+        typer.Option(help="PNG to draw: the vehicle with its arrows, and the path it claims."),
+    ] = None,
 ) -> None:
-    """Turn a wheel log into body velocities."""
+    """Turn a wheel log into body velocities.
+
+    Steering angles turn counter-clockwise from above: positive is to the left.  A negative speed
+    rolls backwards.  A mecanum vehicle's rollers form an X, seen from above.  No check can see a
+    sign that is wrong for all wheels, or left and right exchanged: look at --plot.
+    """
     from data_tools.files.atomic import write_file
     from data_tools.logs.series_files import write_velocities
     from data_tools.logs.velocity_sources import read_body_velocities
@@ -180,10 +217,19 @@ def velocities(
         columns=columns,
         topic=topic,
         wheel_radius=wheel_radius,
+        time_unit=time_unit,
+        clock_shift=clock_shift,
+        twist_frame=twist_frame,
         max_slip=max_slip,
         max_yaw_rate=max_yaw_rate,
     )
     write_file(output, lambda path: write_velocities(path, source.velocities))
+    if plot is not None:
+        from evcalib.plots.kinematics import motion_figure
+        from evcalib.plots.style import png
+
+        picture = png(motion_figure(source.velocities, source.vehicle, source.states))
+        write_file(plot, lambda path: path.write_bytes(picture))
     common.tell(f"{len(source.velocities)} rows written to {output}", output)
     for line in source.notes:
         common.tell(line, output)
@@ -195,8 +241,12 @@ def align(
         Path, typer.Argument(help="Headings (CSV), or the authors' .npz.", metavar="HEADINGS.csv")
     ],
     velocities: Annotated[
-        Path | None, typer.Argument(help="Velocities (CSV).", metavar="[VELOCITIES.csv]")
+        Path | None,
+        typer.Argument(help="Velocities (CSV or ROS bag).", metavar="[VELOCITIES.csv]"),
     ] = None,
+    columns: Columns = None,
+    motion_time_unit: MotionTimeUnit = None,
+    clock_shift: ClockShift = 0.0,
     max_offset: common.MaxOffset = 1.0,
     offset_method: Annotated[
         str, typer.Option(help="profile, trace, canonical, scalar or none.")
@@ -220,7 +270,14 @@ def align(
     """Find offset and rotation between headings and velocities."""
     from evcalib.alignment import align as run
 
-    camera, body, hold = streams(headings, velocities)
+    camera, body, hold = streams(
+        headings,
+        velocities,
+        columns=columns,
+        time_unit=motion_time_unit,
+        clock_shift=clock_shift,
+        notes=None if as_json else print,
+    )
     calibration = run(
         camera,
         body,
@@ -240,9 +297,19 @@ def align(
     common.exit_by(calibration)
 
 
-def streams(headings: Path, velocities: Path | None) -> tuple[HeadingSeries, VelocitySeries, float]:
-    """Read both streams of an alignment, and how long rows hold beyond gaps [s]."""
-    from data_tools.logs.series_files import read_headings, read_paired_streams, read_velocities
+def streams(
+    headings: Path,
+    velocities: Path | None,
+    *,
+    notes: Callable[[str], object] | None = print,
+    **motion: Any,
+) -> tuple[HeadingSeries, VelocitySeries, float]:
+    """Read both streams of an alignment, and how long rows hold beyond gaps [s].
+
+    What was held or left out goes to `notes`, a line each.
+    """
+    from data_tools.logs.series_files import read_headings, read_paired_streams
+    from data_tools.logs.velocity_sources import read_body_velocities
 
     if headings.suffix == ".npz":
         if velocities is not None:
@@ -251,7 +318,14 @@ def streams(headings: Path, velocities: Path | None) -> tuple[HeadingSeries, Vel
         return pairs.headings, pairs.velocities, pairs.hold
     if velocities is None:
         raise InputError(f"a velocities file is needed beside {headings}")
-    return read_headings(headings), read_velocities(velocities), 0.0
+    found: list[str] = []
+    camera = read_headings(headings, found)
+    source = read_body_velocities(velocities, **motion)
+    lines = [f"{headings}: {line}" for line in found]
+    for line in (*lines, *(f"{velocities}: {line}" for line in source.notes)):
+        if notes is not None:
+            notes(line)
+    return camera, source.velocities, 0.0
 
 
 def _write_alignment(output: Path, calibration: Calibration, overwrite: bool) -> None:

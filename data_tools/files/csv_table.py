@@ -1,19 +1,37 @@
-"""Plain tables of numbers: a CSV file with one header line, checked to the last cell."""
+"""Plain tables of numbers: CSV as people's tools leave it, checked to the last cell.
+
+Columns are separated by commas, semicolons, tabs or spaces (the first line tells, or a line
+``sep=;`` before it); numbers may have decimal commas, where these separate nothing.  Lines that
+begin with ``#``, ``%`` or ``//`` are comments.  UTF-8, UTF-16 and Latin-1; any end of line.  What
+was done about oddities is told in `Table.notes`.
+"""
 
 from __future__ import annotations
 
 import csv
-from collections.abc import Collection, Iterable, Iterator
-from dataclasses import dataclass
+import re
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from data_tools.files.row_times import advancing
 from data_tools.files.text import check_end
 from evcalib.arrays import Flags, Floats, Integers
 from evcalib.errors import InputError
+
+LARGEST = 1 << 30
+"""Bytes of a table, which is read as a whole."""
+
+_COMMENT = ("#", "%", "//")
+_SEP_LINE = re.compile(r'"?sep=(.)"?\s*', re.IGNORECASE)
+_DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(e[+-]?\d+)?", re.IGNORECASE)
+_NOT_TEXT = re.compile(r"[\x00-\x08\x0b\x0e-\x19\x1b-\x1f]")
+_MISSING = {"nan", "null", "none", "na", "n/a"}
+_NAMES = {",": "commas", ";": "semicolons", "\t": "tabs", " ": "spaces"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,22 +45,47 @@ class Table:
     columns : dict of str to ndarray, shape (n,)
         Values by column name, in the order of the file.
     line : ndarray of int, shape (n,)
-        Line of the file (the header is line 1) of each row.
+        Line of the file (the first is line 1) of each row.
+    notes : tuple of str
+        What was taken for granted, held or left out.
     """
 
     path: str
     columns: dict[str, Floats]
     line: Integers
+    notes: tuple[str, ...] = ()
 
     def where(self, bad: Flags) -> str:
         """Return ``"FILE line LINE"`` of the first bad row."""
         return f"{self.path} line {self.line[int(np.argmax(bad))]}"
 
+    def rows(self, keep: Flags, *notes: str) -> Table:
+        """Return a part of the rows, with further notes."""
+        columns = {name: values[keep] for name, values in self.columns.items()}
+        return Table(self.path, columns, self.line[keep], (*self.notes, *notes))
 
-def read_table(path: str | Path, only: Collection[str] | None = None) -> Table:
-    """Read a CSV file of finite numbers with at least two rows below its header.
 
-    With `only`, the other columns are passed over, whatever they hold.
+def read_table(
+    path: str | Path,
+    only: Collection[str | int] | None = None,
+    *,
+    names: Mapping[int, tuple[str, ...]] | None = None,
+    hold: bool = False,
+) -> Table:
+    """Read a CSV file of finite numbers with at least two rows.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+    only : collection of str or int, optional
+        Columns to read, by name or by number (the first is 1; they are then called ``"1"``); the
+        others are passed over, whatever they hold.
+    names : mapping of int to tuple of str, optional
+        What the columns of a file without a header are, by how many there are.
+    hold : bool
+        An empty cell holds the value above it, as logs do that write what changes.  Otherwise, and
+        where there is nothing above it yet, its row is left out, as are rows with NaN.
 
     Raises
     ------
@@ -51,26 +94,41 @@ def read_table(path: str | Path, only: Collection[str] | None = None) -> Table:
         that is no finite number; the message names file, line and column.  And if it ends within
         a number, without the end of a line: digits may be missing.
     """
-    header, rows, lines = _read_cells(path)
-    if only is not None:
-        places = [k for k, name in enumerate(header) if name in only]
-        header = [header[k] for k in places]
-        rows = [[row[k] for k in places] for row in rows]
-    if len(rows) < 2:
-        have = "no row" if not rows else "one row"
+    cells = _read_cells(path)
+    header, notes = cells.header, list(cells.notes)
+    numbers = [str(k + 1) for k in range(cells.width)]
+    if header is None:
+        if only is None:
+            header = list((names or {}).get(cells.width, ()))
+            if not header:
+                raise InputError(
+                    f"{path} line {cells.lines[0] if cells.lines.size else 1} holds numbers: no"
+                    " line names the columns; add one, or name them by number in a column map"
+                    " (--columns), as in t: 1"
+                )
+            notes.append(f"no header: columns are taken to be {', '.join(header)}")
+        else:
+            header = [""] * cells.width
+    places: dict[str, int] = {}
+    for k, (name, number) in enumerate(zip(header, numbers, strict=True)):
+        wanted = [name] if only is None or name in only else []
+        wanted += [number] if only is not None and int(number) in only else []
+        for one in filter(None, wanted):
+            if one in places:
+                raise InputError(f"{path} names the column {one} twice")
+            places[one] = k
+    if only is None and not all(header):
+        if not any(header):
+            raise InputError(f"{path} names no column")
+        if any(row[k].strip() for k, name in enumerate(header) if not name for row in cells.rows):
+            notes.append("columns without a name were passed over")
+    if len(cells.rows) < 2:
+        have = "no row" if not cells.rows else "one row"
         raise InputError(f"{path} has {have} below its header; at least two are needed")
-    try:
-        values = np.array(rows, dtype=np.float64)
-    except ValueError:
-        values = np.array([[_number(cell) for cell in row] for row in rows])
-    bad = ~np.isfinite(values)
-    if bad.any():
-        row, column = (int(i) for i in np.argwhere(bad)[0])
-        raise InputError(
-            f"{path} line {lines[row]}: {header[column]} is {rows[row][column]!r}, not a finite"
-            " number; correct or remove this row"
-        )
-    return Table(str(path), dict(zip(header, values.T.copy(), strict=True)), np.array(lines))
+    picked = [[row[k] for k in places.values()] for row in cells.rows]
+    values, keep = _values(path, cells, list(places), picked, hold, notes)
+    table = Table(str(path), dict(zip(places, values.T.copy(), strict=True)), cells.lines)
+    return replace(table, notes=tuple(notes)) if keep.all() else table.rows(keep, *notes)
 
 
 def read_columns(path: str | Path) -> dict[str, NDArray[Any]]:
@@ -86,7 +144,11 @@ def read_columns(path: str | Path) -> dict[str, NDArray[Any]]:
     InputError
         If the file cannot be read, or its rows do not fit its header.
     """
-    header, rows, _ = _read_cells(path)
+    cells = _read_cells(path)
+    header, rows = cells.header or [], cells.rows
+    twice = [name for name in header if header.count(name) > 1]
+    if twice or not header:
+        raise InputError(f"{path} names {f'the column {twice[0]} twice' if twice else 'no column'}")
     return {name: _column([row[k] for row in rows]) for k, name in enumerate(header)}
 
 
@@ -101,34 +163,27 @@ def check_times(
     table: Table,
     column: str = "t",
     max_step: float | None = None,
-    max_jump: float | None = None,
-) -> None:
-    """Refuse times that do not increase, whose median step [s] betrays another unit, or that jump.
+    max_jump: float = 3600.0,
+) -> Table:
+    """Return the rows whose times [s] increase; refuse steps that betray another unit, or a jump.
 
     A step above `max_jump` [s] is taken for a clock that was set, not for a gap.
     """
     t = table.columns[column]
-    steps = np.diff(t)
-    for bad, what in ((steps < 0, "goes back"), (steps == 0, "repeats")):
-        if bad.any():
-            where = table.where(np.concatenate([[False], bad]))
-            value = t[1:][bad][0]
-            raise InputError(
-                f"{where}: time {value:.6f} s {what} in column {column}; times must increase:"
-                " sort the rows and drop duplicates"
-            )
-    if max_step is not None and np.median(steps) > max_step:
+    step = float(np.median(np.diff(t)))
+    if max_step is not None and step > max_step:
+        units = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+        likely = [unit for unit, factor in units.items() if 1e-3 <= step * factor <= 1.0]
         raise InputError(
-            f"{table.path}: the median step of column {column} is {np.median(steps):.6g};"
-            " are the times in seconds?"
+            f"{table.path}: the median step of column {column} is {step:.6g} s"
+            + (f", which would be {step * units[likely[0]]:.3g} s in {likely[0]}" if likely else "")
+            + "; are the times in seconds? say their unit (--time-unit; or, in a column map, t:"
+            f" {{column: NAME, unit: {likely[0] if likely else 'ms'}}})"
         )
-    if max_jump is not None and steps.max() > max_jump:
-        row = int(np.argmax(steps)) + 1
-        raise InputError(
-            f"{table.path} line {table.line[row]}: time {t[row]:.6f} s is {steps[row - 1]:.0f} s"
-            f" after the row before it in column {column}: the clock was set, or two logs were"
-            " joined; cut the file there"
-        )
+    keep, notes = advancing(
+        t, lambda row: f"{table.path} line {table.line[row]}", max_jump=max_jump
+    )
+    return table.rows(keep, *notes)
 
 
 def write_table(path: str | Path, columns: dict[str, Floats]) -> None:
@@ -139,48 +194,235 @@ def write_table(path: str | Path, columns: dict[str, Floats]) -> None:
         writer.writerows(np.stack(list(columns.values()), axis=1).tolist())
 
 
-def _read_cells(path: str | Path) -> tuple[list[str], list[list[str]], list[int]]:
-    rows, lines = [], []
+@dataclass(frozen=True, eq=False)
+class _Cells:
+    """Rows of text, all as wide as the header, which is None where the first line has numbers."""
+
+    header: list[str] | None
+    rows: list[list[str]]
+    lines: Integers
+    width: int
+    separator: str
+    notes: list[str]
+
+
+def _read_cells(path: str | Path) -> _Cells:
+    text, notes = _decoded(path)
+    lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    if lines and not _is_comment(lines[-1]):
+        check_end(path, lines[-1])
+    start = next(
+        (k for k, line in enumerate(lines) if line.strip() and not _is_comment(line)), None
+    )
+    declared = None
+    if start is not None and (match := _SEP_LINE.fullmatch(lines[start])):
+        declared, start = match[1], start + 1
+    if start is None or start >= len(lines) or not lines[start].strip(' ,;\t"'):
+        raise InputError(f"{path} is empty: its first line must name the columns")
+    separator = declared or _separator(lines[start])
+    numbered = _NumberedLines(path, lines, start, separator)
     try:
-        with open(path, newline="", encoding="utf-8-sig") as file:
-            reader = csv.reader(_noting_end(path, file))
-            header = [name.strip() for name in next(reader, [])]
-            _check_header(path, header)
-            for row in reader:
-                if not any(cell.strip() for cell in row):
-                    continue
-                if len(row) != len(header):
+        header: list[str] | None = [name.strip() for name in next(numbered.reader)]
+        assert header is not None
+        if all(_is_number(cell) for cell in header):
+            width = len(header)
+            header, numbered = None, _NumberedLines(path, lines, start, separator)
+            comment = next((line for line in reversed(lines[:start]) if line.strip()), "")
+            named = re.split(r"[\s,;]+", comment.strip().lstrip("#%/ ").rstrip())
+            if len(named) == width and not any(map(_is_number, named)):
+                header = named
+                notes.append(f"columns are named by a comment: {', '.join(named)}")
+        else:
+            while len(header) > 1 and not header[-1]:
+                header.pop()
+            width = len(header)
+        rows, places = _rows(path, numbered, width, separator)
+    except csv.Error:
+        raise InputError(f"{path} is not a CSV text file") from None
+    if rows and places[-1] == len(lines) and not rows[-1][-1].strip():
+        rows.pop()
+        places.pop()
+        notes.append("the last line ends within its row, which was left out")
+    if numbered.comments:
+        notes.append(f"{numbered.comments} comments between rows were passed over")
+    if separator != ",":
+        notes.append(f"columns are separated by {_NAMES.get(separator, repr(separator))}")
+    return _Cells(header, rows, np.array(places, dtype=np.int64), width, separator, notes)
+
+
+def _rows(
+    path: str | Path, numbered: _NumberedLines, width: int, separator: str
+) -> tuple[list[list[str]], list[int]]:
+    rows, places = [], []
+    for row in numbered.reader:
+        if not any(cell.strip() for cell in row):
+            continue
+        while len(row) > width and not row[-1].strip():
+            row.pop()
+        if len(row) != width:
+            hint = ""
+            if separator == "," and len(row) == 2 * width:
+                hint = ": decimal commas between commas? write it anew with semicolons or points"
+            raise InputError(
+                f"{path} line {numbered.number} has {len(row)} values, but the first line has"
+                f" {width} columns{hint}"
+            )
+        rows.append(row)
+        places.append(numbered.number)
+    return rows, places
+
+
+class _NumberedLines:
+    """Lines of a table without comments and empty lines, and a reader of their cells."""
+
+    def __init__(self, path: str | Path, lines: list[str], start: int, separator: str) -> None:
+        self.path, self.separator = path, separator
+        self.number, self.comments, self.width = start, 0, 0
+        plain = self._plain(lines, start)
+        if separator == " ":
+            self.reader: Iterator[list[str]] = (line.split() for line in plain)
+        else:
+            self.reader = csv.reader(plain, delimiter=separator, skipinitialspace=True)
+
+    def _plain(self, lines: list[str], start: int) -> Iterator[str]:
+        separator = None if self.separator == " " else self.separator
+        for number, line in enumerate(lines[start:], start=start + 1):
+            if _is_comment(line):
+                cells = [cell.strip() for cell in line.split(separator)]
+                if len(cells) == self.width > 1 and all(map(_is_number, cells[1:])):
                     raise InputError(
-                        f"{path} line {reader.line_num} has {len(row)} values,"
-                        f" but the header names {len(header)} columns"
+                        f"{self.path} line {number}: a comment that looks like a damaged row; take"
+                        " it out"
                     )
-                rows.append(row)
-                lines.append(reader.line_num)
+                self.comments += 1
+            elif line.strip():
+                self.number = number
+                self.width = self.width or len(line.split(separator))
+                yield line + "\n"
+
+
+def _decoded(path: str | Path) -> tuple[str, list[str]]:
+    try:
+        with open(path, "rb") as file:
+            data = file.read(LARGEST + 1)
     except OSError as error:
         raise InputError(f"cannot read {path}: {error.strerror or error}") from None
-    except (UnicodeDecodeError, csv.Error):
-        raise InputError(f"{path} is not a CSV text file") from None
-    return header, rows, lines
-
-
-def _noting_end(path: str | Path, lines: Iterable[str]) -> Iterator[str]:
-    """Pass lines on; after the last, see that it was whole."""
-    line = ""
-    for line in lines:
-        yield line
-    check_end(path, line)
-
-
-def _check_header(path: str | Path, header: list[str]) -> None:
-    if not any(header):
-        raise InputError(f"{path} is empty: its first line must name the columns")
-    twice = [name for name in header if header.count(name) > 1]
-    if twice:
-        raise InputError(f"{path} names the column {twice[0] or '(empty)'!s} twice")
-
-
-def _number(cell: str) -> float:
+    if len(data) > LARGEST:
+        raise InputError(f"{path} is over {LARGEST} bytes, too long for a table; cut it")
+    notes = []
+    zeros = data[:200].count(0), data[1:200:2].count(0)
+    wide = data[:2] in (b"\xff\xfe", b"\xfe\xff")
+    guess = "utf-16" if wide else "utf-16-le" if zeros[1] > 50 else "utf-16-be"
     try:
-        return float(cell)
+        if wide or zeros[0] > 50:
+            text = data.decode(guess)
+            notes.append("text is UTF-16")
+        else:
+            text = data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        if wide or zeros[0]:
+            raise InputError(f"{path} is not a CSV text file") from None
+        text = data.decode("latin-1")
+        notes.append("text is not UTF-8: read as Latin-1")
+    text = text.rstrip("\x1a")
+    if _NOT_TEXT.search(text):
+        raise InputError(f"{path} is not a CSV text file")
+    return text, notes
+
+
+def _separator(line: str) -> str:
+    """Return what separates the cells of a first line: ``;`` or tabs, else commas, else spaces."""
+    for separator in (";", "\t"):
+        if separator in line:
+            return separator
+    words = line.split()
+    if "," not in line or (len(words) > 1 and all(map(_is_number, words))):
+        return " " if len(words) > 1 else ","
+    return ","
+
+
+def _is_comment(line: str) -> bool:
+    return line.lstrip().startswith(_COMMENT)
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return bool(_DECIMAL_COMMA.fullmatch(cell.strip()))
+    return True
+
+
+def _values(
+    path: str | Path,
+    cells: _Cells,
+    names: list[str],
+    rows: list[list[str]],
+    hold: bool,
+    notes: list[str],
+) -> tuple[Floats, Flags]:
+    """Return numbers, and which rows have all of them."""
+    try:
+        values = np.array(rows, dtype=np.float64)
+    except ValueError:
+        values = np.array(_with_decimal_points(path, cells, rows, notes))
+    bad = ~np.isfinite(values)
+    if not bad.any():
+        return values, np.ones(len(rows), dtype=bool)
+    empty = np.zeros_like(bad)
+    for row, column in np.argwhere(bad):
+        cell = rows[row][column].strip()
+        empty[row, column] = not cell
+        if cell and cell.lower() not in _MISSING:
+            raise InputError(
+                f"{path} line {cells.lines[row]}: {names[column]} is {cell!r}, not a finite"
+                " number; correct or remove this row"
+            )
+    if hold and empty.any():
+        last = np.maximum.accumulate(np.where(~empty, np.arange(len(rows))[:, None], -1), axis=0)
+        held = empty & (last >= 0)
+        values = np.where(held, np.take_along_axis(values, np.maximum(last, 0), axis=0), values)
+        notes.append(f"{int(held.any(axis=1).sum())} rows with empty cells hold the value before")
+    keep = np.asarray(np.isfinite(values).all(axis=1))
+    if not keep.all():
+        notes.append(
+            f"{int((~keep).sum())} rows without a value (empty or NaN) were left out (the first:"
+            f" line {cells.lines[int(np.argmin(keep))]})"
+        )
+    if keep.sum() < 2:
+        raise InputError(
+            f"{path}: only {int(keep.sum())} of {keep.size} rows have a number in each of"
+            f" {', '.join(names)}; two at least are needed"
+        )
+    return values, keep
+
+
+def _with_decimal_points(
+    path: str | Path, cells: _Cells, rows: list[list[str]], notes: list[str]
+) -> list[list[float]]:
+    commas = [
+        (k, cell)
+        for k, row in enumerate(rows)
+        for cell in row
+        if _DECIMAL_COMMA.fullmatch(cell.strip())
+    ]
+    if not commas:
+        return [[_number(cell) for cell in row] for row in rows]
+    for k, row in enumerate(rows):
+        for cell in row:
+            if "." in cell and _is_number(cell):
+                line, example = cells.lines[commas[0][0]], commas[0][1].strip()
+                raise InputError(
+                    f"{path} has decimal points ({cell.strip()}, line {cells.lines[k]}) and commas"
+                    f" ({example}, line {line}); which of them is the decimal sign? write it with"
+                    " one of them"
+                )
+    notes.append(f"decimal commas: {commas[0][1].strip()} is {_number(commas[0][1], ',')!r}")
+    return [[_number(cell, ",") for cell in row] for row in rows]
+
+
+def _number(cell: str, point: str = ".") -> float:
+    try:
+        return float(cell.replace(",", ".") if point == "," else cell)
     except ValueError:
         return float("nan")

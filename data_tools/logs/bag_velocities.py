@@ -1,14 +1,16 @@
 """Velocities of a vehicle from a bag: twists, odometry, or the joints of its wheels.
 
 ``geometry_msgs/TwistStamped`` and ``TwistWithCovarianceStamped``, and the twist of
-``nav_msgs/Odometry`` (which is in its ``child_frame_id``), are taken for velocities of the body's
-origin in the body frame.  ``sensor_msgs/JointState`` holds wheel states: positions of steering
-joints [rad] and velocities of drive joints [rad/s], which a column map assigns to the wheels.
-Times are those of the headers, not those of arrival.
+``nav_msgs/Odometry``, are velocities of the body's origin, if they are in the body's frame: see
+`data_tools.logs.odometry_frames`.  ``sensor_msgs/JointState`` holds wheel states: positions of
+steering joints [rad] and velocities of drive joints [rad/s] (or positions, where the map says that
+they are counts), which a column map assigns to the wheels.  Times are those of the headers, not
+those of arrival.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,22 +19,23 @@ from typing import Any
 import numpy as np
 
 from data_tools.bags import Bag, Topic, open_bag
-from data_tools.logs.column_maps import Columns, Entry, column_map
-from evcalib.arrays import Flags, Floats, Integers
+from data_tools.files.row_times import MAX_JUMP, advancing
+from data_tools.logs.column_maps import Columns, Entry, column_map, converted
+from data_tools.logs.odometry_frames import Twists, in_body
+from data_tools.logs.wheel_logs import wanted_columns, wheel_log
+from evcalib.arrays import Floats, Integers
 from evcalib.errors import InputError
-from evcalib.kinematics import Vehicle, WheelLog, WheelStates
+from evcalib.kinematics import Vehicle, WheelLog
 from evcalib.series import VelocitySeries
 
 JOINTS = "sensor_msgs/msg/JointState"
+ODOMETRY = "nav_msgs/msg/Odometry"
 _TWIST: dict[str, Callable[[Any], Any]] = {
     "geometry_msgs/msg/TwistStamped": lambda message: message.twist,
     "geometry_msgs/msg/TwistWithCovarianceStamped": lambda message: message.twist.twist,
-    "nav_msgs/msg/Odometry": lambda message: message.twist.twist,
+    ODOMETRY: lambda message: message.twist.twist,
 }
 TYPES = (*_TWIST, JOINTS)
-
-MAX_JUMP = 60.0
-"""A step between stamps above this [s] is taken for a clock that was set."""
 
 
 @dataclass(frozen=True)
@@ -59,6 +62,7 @@ def read_bag_motion(
     columns: Columns | None = None,
     wheel_radius: float | None = None,
     origin_us: int = 0,
+    twist_frame: str | None = None,
 ) -> BagStream:
     """Read velocities or wheel states from a topic of a bag.
 
@@ -77,95 +81,170 @@ def read_bag_motion(
         Radius of the driven wheels [m].
     origin_us : int
         Subtracted from all times [us].
+    twist_frame : {"body", "ground"}, optional
+        The frame of twists, where messages and poses do not tell it; see
+        `data_tools.logs.odometry_frames`.
 
     Raises
     ------
     InputError
-        If the bag is damaged, there is no such topic or too many, a stamp is missing, goes back or
-        jumps, or joints are not those of the map.
+        If the bag is damaged, there is no such topic or too many, stamps are missing or a clock was
+        set, joints are not those of the map, or the frame of a twist is in doubt.
     """
     with open_bag(path) as bag:
         chosen = bag.choose(TYPES, topic, "velocities, odometry or joints")
         if chosen.type == JOINTS:
             if vehicle is None or columns is None:
                 raise InputError(
-                    f"{path}: {chosen.name} holds joints; say which vehicle, and which joint is"
-                    " which wheel by a column map (data_tools.logs.column_maps)"
+                    f"{path}: {chosen.name} holds joints; say which vehicle (--vehicle), and which"
+                    " joint is which wheel by a column map (--columns, data_tools.logs.column_maps)"
                 )
             entries = column_map(columns, wheel_radius=wheel_radius, speed_unit="rad/s")
-            stamps, rows = _collected(bag, chosen, _joints(bag, chosen, entries))
+            entries.pop("t", None)  # the headers tell
+            _check_names(entries, vehicle)
+            stamps, messages = _collected(bag, chosen, _joints(bag, chosen, entries))
         elif columns is not None:
             raise InputError(f"{path}: {chosen.name} ({chosen.type}) takes no column map")
         else:
             entries = {}
-            stamps, rows = _collected(bag, chosen, _twists(bag, chosen))
+            stamps, messages = _collected(bag, chosen, _twists(bag, chosen))
         losses = dict(bag.losses)
     where = f"{path}, topic {chosen.name}"
-    keep = _advancing(stamps, where)
-    repeated = int(keep.size - keep.sum())
-    t, rows = (stamps[keep] - origin_us * 1000) / 1e9, rows[keep]
-    notes = [f"topic {chosen.name} ({chosen.type}), {t.size} messages"]
-    if repeated:
-        notes.append(f"{repeated} messages with the stamp of their predecessor were left out")
+    keep, late = advancing(
+        stamps,
+        lambda k: f"{where}, message {k}",
+        per_second=1e9,
+        max_jump=MAX_JUMP,
+        repeats=bool(entries),
+    )
+    t = (stamps[keep] - origin_us * 1000) / 1e9
+    messages = [message for message, kept in zip(messages, keep, strict=True) if kept]
+    notes = [f"topic {chosen.name} ({chosen.type}), {t.size} messages", *late]
     notes += [f"{count} {reason}" for reason, count in losses.items() if count]
     try:
         if vehicle is not None and entries:
-            return BagStream(_wheel_log(t, rows, list(entries), vehicle), tuple(notes))
-        return BagStream(VelocitySeries(t, rows[:, :3], rows[:, 3]), tuple(notes))
+            t, rows, joined = _joined(t, messages)
+            values = dict(zip(entries, rows.T, strict=True))
+            t, values, counted = converted(t, values, entries)
+            log = wheel_log(t, values, entries, vehicle, lambda k: f"t = {t[k]:.3f} s")
+            return BagStream(log, (*notes, *joined, *counted))
+        twists, nans = _one_frame(t, messages)
+        v, yaw_rate, more = in_body(twists, twist_frame)
+        return BagStream(VelocitySeries(twists.t, v, yaw_rate), (*notes, *nans, *more))
     except InputError as error:
         raise InputError(f"{where}: {error}") from None
 
 
-def _twists(bag: Bag, topic: Topic) -> Iterator[tuple[Any, list[float]]]:
+def _twists(bag: Bag, topic: Topic) -> Iterator[tuple[Any, list[Any]]]:
     get = _TWIST[topic.type]
     for raw in bag.messages(topic):
         message = bag.decode(topic, raw)
         twist = get(message)
         v = twist.linear
-        yield message.header.stamp, [v.x, v.y, v.z, twist.angular.z]
+        row = [v.x, v.y, v.z, twist.angular.z]
+        frames = (message.header.frame_id, "")
+        if topic.type == ODOMETRY:
+            p, q = message.pose.pose.position, message.pose.pose.orientation
+            row += [p.x, p.y, p.z, q.x, q.y, q.z, q.w]
+            frames = (message.child_frame_id, message.header.frame_id)
+        yield message.header.stamp, [row, frames]
+
+
+def _one_frame(t: Floats, messages: list[Any]) -> tuple[Twists, list[str]]:
+    """Return messages of one publisher as arrays, without those that hold no numbers."""
+    frames = {names for _, names in messages}
+    if len(frames) > 1:
+        raise InputError(
+            "its messages are of several frames ("
+            + "; ".join(sorted(" in ".join(filter(None, pair)) or "none" for pair in frames)[:4])
+            + "): several vehicles or drivers publish there; take another topic"
+        )
+    rows = np.array([row for row, _ in messages], dtype=np.float64)
+    frame, ground = frames.pop()
+    keep = np.isfinite(rows[:, :4]).all(axis=1)
+    if keep.sum() < 2:
+        raise InputError(f"only {int(keep.sum())} of {keep.size} twists are finite numbers")
+    lost = int(keep.size - keep.sum())
+    notes = [f"{lost} messages whose twist is no finite number were left out"] if lost else []
+    t, rows = t[keep], rows[keep]
+    pose = (rows[:, 4:7], rows[:, 7:]) if rows.shape[1] > 4 else (None, None)
+    return Twists(t, rows[:, :3], rows[:, 3], frame, ground, *pose), notes
+
+
+def _check_names(entries: Mapping[str, Entry], vehicle: Vehicle) -> None:
+    wanted = wanted_columns(vehicle)[1:]
+    if set(wanted) != set(entries):
+        raise InputError(
+            f"the column map must name {', '.join(wanted)}, and names {', '.join(entries)}"
+        )
 
 
 def _joints(
     bag: Bag, topic: Topic, entries: Mapping[str, Entry]
 ) -> Iterator[tuple[Any, list[float]]]:
     """Yield the mapped joints of messages that hold them; others publish other joints there."""
-    others: set[str] = set()
-    found = False
+    seen: set[str] = set()
     for number, raw in enumerate(bag.messages(topic)):
         message = bag.decode(topic, raw)
         place = {name: k for k, name in enumerate(message.name)}
-        lacking = [e.column for e in entries.values() if e.column not in place]
-        if len(lacking) == len(entries):
-            others |= set(place)
-            continue
-        found = True
-        if lacking:
-            raise InputError(
-                f"{bag.path}, message {number} of {topic.name} lacks the joint(s)"
-                f" {', '.join(lacking)}; it has {', '.join(place) or 'none'}"
-            )
+        seen |= set(place)
         row = []
         for name, entry in entries.items():
-            values = message.position if name.startswith("steer_") else message.velocity
+            if entry.column not in place:
+                row.append(math.nan)
+                continue
+            what = "velocity" if entry.count is None and name.startswith("speed_") else "position"
+            values = getattr(message, what)
             if place[entry.column] >= len(values):
-                what = "position" if name.startswith("steer_") else "velocity"
                 raise InputError(
                     f"{bag.path}, message {number} of {topic.name} has no {what} of the joint"
                     f" {entry.column}, needed for {name}"
                 )
-            row.append(float(values[place[entry.column]]) * entry.factor)
-        yield message.header.stamp, row
-    if not found:
-        wanted = ", ".join(entry.column for entry in entries.values())
+            row.append(float(values[place[entry.column]]))
+        if np.isfinite(row).any():
+            yield message.header.stamp, row
+    lacking = [str(e.column) for e in entries.values() if e.column not in seen]
+    if lacking:
         raise InputError(
-            f"{bag.path}: {topic.name} has none of the joints {wanted}; it has"
-            f" {', '.join(sorted(others)) or 'none'}"
+            f"{bag.path}: {topic.name} lacks the joint(s) {', '.join(lacking)} of the column map;"
+            f" it has {', '.join(sorted(seen)) or 'none'}"
         )
 
 
+def _joined(t: Floats, messages: list[list[float]]) -> tuple[Floats, Floats, list[str]]:
+    """Return rows of all joints, where each message may hold some of them (else NaN).
+
+    A row stands at each stamp of the joint that comes most often and leaves the others least old;
+    those have the latest of their values.
+    """
+    values = np.array(messages, dtype=np.float64)
+    known = np.isfinite(values)
+    last = np.where(known, np.arange(len(t))[:, None], -1)
+    last = np.maximum.accumulate(last, axis=0)
+    # of messages with one stamp, the last knows what all of them said
+    starts = np.flatnonzero(np.append(True, np.diff(t) > 0))
+    final = np.append(starts[1:], len(t)) - 1
+    fresh, latest, t_row = np.logical_or.reduceat(known, starts), last[final], t[final]
+    complete = (latest >= 0).all(axis=1)
+    age = t_row - t[np.maximum(latest, 0)].min(axis=1)
+    counts = (fresh & complete[:, None]).sum(axis=0)
+    if counts.max() < 2:
+        raise InputError("the joints of the column map come together in fewer than two messages")
+    often = np.flatnonzero(counts >= 0.9 * counts.max())
+    lag = [np.median(age[fresh[:, joint] & complete]) for joint in often]
+    rows = fresh[:, often[int(np.argmin(lag))]] & complete
+    notes = []
+    if not fresh[rows].all():
+        notes.append(
+            "joints come in several messages: each row takes the latest of every joint, up to"
+            f" {age[rows].max():.3g} s old"
+        )
+    return t_row[rows], values[latest[rows], np.arange(values.shape[1])], notes
+
+
 def _collected(
-    bag: Bag, topic: Topic, messages: Iterator[tuple[Any, list[float]]]
-) -> tuple[Integers, Floats]:
+    bag: Bag, topic: Topic, messages: Iterator[tuple[Any, list[Any]]]
+) -> tuple[Integers, list[Any]]:
     stamps, rows = [], []
     with bag.reading(topic):
         for stamp, row in messages:
@@ -173,35 +252,9 @@ def _collected(
             rows.append(row)
     if len(rows) < 2:
         raise InputError(f"{bag.path}: {topic.name} has {len(rows)} usable messages, two at least")
-    return np.array(stamps, dtype=np.int64), np.array(rows, dtype=np.float64)
-
-
-def _advancing(stamps: Integers, where: str) -> Flags:
-    """Return which messages are later than the one before; refuse clocks that were set."""
-    if (stamps == 0).any():
-        row = int(np.argmax(stamps == 0))
-        raise InputError(f"{where}: message {row} has no stamp (0); its times cannot be told")
-    steps = np.diff(stamps)
-    for bad, what in ((steps < 0, "before"), (steps > MAX_JUMP * 1e9, "after")):
-        if bad.any():
-            row = int(np.argmax(bad)) + 1
-            raise InputError(
-                f"{where}: the stamp of message {row} is {abs(steps[row - 1]) / 1e9:.3f} s {what}"
-                " that of its predecessor: the clock was set; use the part before or after that"
-            )
-    return np.concatenate([[True], steps > 0])
-
-
-def _wheel_log(t: Floats, rows: Floats, names: list[str], vehicle: Vehicle) -> WheelLog:
-    kinds = ("speed", "steer") if vehicle.steered else ("speed",)
-    wanted = [f"{kind}_{name}" for kind in kinds for name in vehicle.names]
-    if set(wanted) != set(names):
+    if stamps.count(0) > 1:
         raise InputError(
-            f"the column map must name {', '.join(wanted)}, and names {', '.join(names)}"
+            f"{bag.path}, topic {topic.name}: message {stamps.index(0)} has no stamp (0); its times"
+            " cannot be told"
         )
-    values = {name: rows[:, names.index(name)] for name in wanted}
-    speed = np.stack([values[f"speed_{name}"] for name in vehicle.names], axis=1)
-    if not vehicle.steered:
-        return WheelLog(t, WheelStates(speed))
-    steer = np.stack([values[f"steer_{name}"] for name in vehicle.names], axis=1)
-    return WheelLog(t, WheelStates(speed, steer))
+    return np.array(stamps, dtype=np.int64), rows

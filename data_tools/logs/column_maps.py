@@ -2,15 +2,32 @@
 
 A map is a mapping, or a YAML file of one::
 
-    wheel_radius: 0.05                          # [m], for speeds in rad/s, deg/s or rpm
+    wheel_radius: 0.05                          # [m], or wheel_diameter, for turning wheels
     t: {column: stamp, unit: ms}
-    speed_fl: {column: fl_rate, unit: rad/s}
+    speed_fl: {column: fl_rate, unit: rpm, gear: 12}       # motor turns per wheel turn
     speed_fr: {column: fr_rate, unit: rad/s, scale: -1}    # counts the other way round
-    steer_fl: {column: fl_angle, unit: deg}
+    speed_rl: {column: 7, unit: ticks, ticks_per_turn: 1024}
+    steer_fl: {column: fl_angle, unit: deg, offset: -12.5} # reads 12.5 deg straight ahead
     steer_fr: fr_angle                          # a name alone: in our unit
 
 Our names are ``t``; ``speed_NAME`` and ``steer_NAME`` for each wheel of the vehicle; and, in files
-of velocities, ``vx, vy, vz, yaw_rate``.  In a ``sensor_msgs/JointState`` the columns are joints.
+of velocities, ``vx, vy, vz, yaw_rate``.  A column is a name, or a number (the first is 1) where a
+file has no header.  In a ``sensor_msgs/JointState`` the columns are joints.
+
+A value is ``(scale * column + offset) * unit``: the offset is in the column's own unit.
+``wheel_radius`` (or ``wheel_diameter``), ``ticks_per_turn`` and ``gear`` may stand at the top, for
+all wheel speeds, or in one entry.  Wheel speeds come as
+
+=============================================  ==================================================
+``m/s cm/s mm/s km/h``                         speed of the rim
+``rad/s deg/s rpm rev/s ticks/s``              rate of turning; needs the radius
+``rad deg turns ticks``, ``m cm mm``           a running count: how far the wheel has turned, or run
+``turns/row ticks/row m/row`` and so on        the same, since the row before
+=============================================  ==================================================
+
+The mean speed that counts give belongs to the middle between two rows, so there is one row less,
+and what was read at the rows (angles) is averaged.  ``wrap: 65536`` tells where a count
+starts anew.
 """
 
 from __future__ import annotations
@@ -18,22 +35,30 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from data_tools.files.csv_table import Table, read_table
 from data_tools.files.text import read_yaml
 from evcalib import checks
+from evcalib.arrays import Floats
 from evcalib.errors import InputError
 
 TIME = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-_SPEED = {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3, "km/h": 1 / 3.6}
-_TURN = {"rad": 1.0, "deg": math.pi / 180}
-_RATE = {"rad/s": 1.0, "deg/s": math.pi / 180, "rpm": 2 * math.pi / 60}
+_LENGTH = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
+_SPEED = {f"{unit}/s": factor for unit, factor in _LENGTH.items()} | {"km/h": 1 / 3.6}
+_TURN = {"rad": 1.0, "deg": math.pi / 180, "turns": 2 * math.pi, "ticks": 2 * math.pi}
+_RATE = {"rad/s": 1.0, "deg/s": math.pi / 180, "rpm": 2 * math.pi / 60, "rev/s": 2 * math.pi}
+_WHEEL_RATE = _RATE | {"ticks/s": 2 * math.pi}
+_COUNT = _TURN | _LENGTH
+_COUNTED = _COUNT | {f"{unit}/row": factor for unit, factor in _COUNT.items()}
 
 _KINDS = {
     "time": TIME,
-    "wheel speed": _SPEED | _RATE,
+    "wheel speed": _SPEED | _WHEEL_RATE | _COUNTED,
     "angle": _TURN,
     "velocity": _SPEED,
     "turning rate": _RATE,
@@ -41,13 +66,51 @@ _KINDS = {
 _PLAIN = {"t": "time", "yaw_rate": "turning rate"} | dict.fromkeys(("vx", "vy", "vz"), "velocity")
 _OURS = {"time": "s", "wheel speed": "m/s", "angle": "rad", "velocity": "m/s"}
 
+RADII = (0.005, 2.0)
+"""Wheels of a smaller or larger radius [m] are taken for a mistake of units."""
+CLOCK_BITS = 32
+"""Counters of microseconds or milliseconds start anew after 2^32."""
+LOST_ROW = 1.5
+"""After a step so many times the usual one a row is missing, and with it the count since then."""
+
+_TOP = ("wheel_radius", "wheel_diameter", "ticks_per_turn", "gear")
+_KEYS = (
+    "column",
+    "unit",
+    "scale",
+    "offset",
+    "radius",
+    "diameter",
+    "ticks_per_turn",
+    "gear",
+    "wrap",
+)
+
 
 @dataclass(frozen=True)
 class Entry:
-    """One column of a log and the factor that brings it to our unit."""
+    """One column of a log and what brings it to our unit.
 
-    column: str
+    Attributes
+    ----------
+    column : str or int
+        Name, or number from 1.
+    factor, offset : float
+        Ours is ``factor * value + offset``; for counts, of their change per second.
+    stated : bool
+        Whether the map gives the unit.
+    count : {"running", "row"}, optional
+        For wheel speeds that are told as counts.
+    wrap : float, optional
+        Where a count starts anew.
+    """
+
+    column: str | int
     factor: float
+    offset: float = 0.0
+    stated: bool = False
+    count: str | None = None
+    wrap: float | None = None
 
 
 Columns = Mapping[str, Any] | str | Path
@@ -83,10 +146,12 @@ def column_map(
     checks.one_of(time_unit, "time_unit", tuple(TIME))
     where = f"column map {columns}" if isinstance(columns, str | Path) else "column map"
     content = dict(_load(columns) if isinstance(columns, str | Path) else columns)
-    radius = content.pop("wheel_radius", wheel_radius)
+    top = {key: content.pop(key) for key in _TOP if key in content}
+    if wheel_radius is not None and not top.keys() & {"wheel_radius", "wheel_diameter"}:
+        top["wheel_radius"] = wheel_radius
     defaults = {"time": time_unit, "wheel speed": speed_unit}
     try:
-        return {name: _entry(name, value, radius, defaults) for name, value in content.items()}
+        return {name: _entry(name, value, top, defaults) for name, value in content.items()}
     except InputError as error:
         raise InputError(f"{where}: {error}") from None
 
@@ -95,12 +160,15 @@ def read_mapped(
     path: str | Path,
     columns: Columns | None,
     *,
-    time_unit: str = "s",
+    time_unit: str | None = None,
     wheel_radius: float | None = None,
-) -> Table:
-    """Read a CSV file under our names and in our units; without a map, only its times change.
+    names: Mapping[int, tuple[str, ...]] | None = None,
+) -> tuple[Table, Mapping[str, Entry]]:
+    """Read a CSV file under our names, times in seconds, all else as it stands; and its map.
 
-    Parameters are those of `column_map`.
+    A time unit that the map gives must not be contradicted.  A time that falls by 2^32 counts is
+    taken for a counter that started anew, and told.  Other parameters are those of `column_map`
+    and `read_table`.
 
     Raises
     ------
@@ -108,42 +176,164 @@ def read_mapped(
         As `column_map` and `read_table`; and if the file lacks a column of the map.
     """
     if columns is None:
-        table = read_table(path)
-        factor = TIME[checks.one_of(time_unit, "time_unit", tuple(TIME))]
-        scaled = {"t": table.columns["t"] * factor} if "t" in table.columns else {}
-        return replace(table, columns=table.columns | scaled)
-    entries = column_map(columns, time_unit=time_unit, wheel_radius=wheel_radius)
-    table = read_table(path, only={entry.column for entry in entries.values()})
-    lacking = [e.column for e in entries.values() if e.column not in table.columns]
-    if lacking:
-        raise InputError(f"{path} lacks the column(s) {', '.join(lacking)} of the column map")
-    return replace(
-        table, columns={name: table.columns[e.column] * e.factor for name, e in entries.items()}
-    )
+        unit = checks.one_of(time_unit or "s", "time_unit", tuple(TIME))
+        table = read_table(path, names=names, hold=True)
+        entries = {name: Entry(name, 1.0) for name in table.columns}
+        if "t" in entries:
+            entries["t"] = Entry("t", TIME[unit])
+    else:
+        entries = column_map(columns, time_unit=time_unit or "s", wheel_radius=wheel_radius)
+        stated = "t" in entries and entries["t"].stated
+        if stated and time_unit is not None and TIME[time_unit] != abs(entries["t"].factor):
+            raise InputError(
+                f"{path}: the column map gives the unit of t, which --time-unit {time_unit}"
+                " (time_unit) contradicts; leave one of them out"
+            )
+        table = read_table(path, only={entry.column for entry in entries.values()}, hold=True)
+        lacking = [str(e.column) for e in entries.values() if str(e.column) not in table.columns]
+        if lacking:
+            raise InputError(f"{path} lacks the column(s) {', '.join(lacking)} of the column map")
+        table = replace(
+            table, columns={name: table.columns[str(e.column)] for name, e in entries.items()}
+        )
+    if "t" in entries:
+        t, notes = _unwrapped(table.columns["t"])
+        scaled = t * entries["t"].factor + entries["t"].offset
+        table = replace(table, columns=table.columns | {"t": scaled}, notes=table.notes + notes)
+    return table, entries
 
 
-def _entry(name: str, value: Any, radius: Any, defaults: dict[str, str]) -> Entry:
+def _unwrapped(t: Floats) -> tuple[Floats, tuple[str, ...]]:
+    """Mend a counter of 32 bits that started anew."""
+    whole = 2.0**CLOCK_BITS
+    falls = np.flatnonzero(np.diff(t) < -whole / 2)
+    if not falls.size or t.min() < 0 or t.max() >= whole or (np.diff(falls) < 10).any():
+        return t, ()
+    laps = np.zeros(t.size)
+    laps[falls + 1] = whole
+    return t + np.cumsum(laps), (f"t started anew after 2^32, {falls.size} times: that was mended",)
+
+
+def converted(
+    t: Floats, values: Mapping[str, Floats], entries: Mapping[str, Entry]
+) -> tuple[Floats, dict[str, Floats], list[str]]:
+    """Return times [s], columns in our units, and what was left out; see the module's docstring.
+
+    Parameters
+    ----------
+    t : ndarray, shape (n,)
+        Times [s], increasing.
+    values : mapping of str to ndarray, shape (n,)
+        Columns by our names, as they were read.
+    entries : mapping
+        The map.
+    """
+    ours = {
+        name: entries[name].factor * column + entries[name].offset
+        for name, column in values.items()
+        if entries[name].count is None
+    }
+    if len(ours) == len(values):
+        return t, ours, []
+    step = np.diff(t)
+    per_row = any(entries[name].count == "row" for name in values)
+    whole = step <= LOST_ROW * np.median(step) if per_row else np.ones(step.size, dtype=bool)
+    middle = (t[1:] + t[:-1]) / 2
+    for name, column in values.items():
+        entry = entries[name]
+        if entry.count is None:
+            at_rows = np.unwrap(ours[name]) if name.startswith("steer_") else ours[name]
+            ours[name] = (at_rows[1:] + at_rows[:-1]) / 2
+            continue
+        change = column[1:] if entry.count == "row" else np.diff(column)
+        if entry.wrap is not None:
+            change = (change + entry.wrap / 2) % entry.wrap - entry.wrap / 2
+        ours[name] = entry.factor * change / step + entry.offset
+    notes = ["wheel speeds are counts: each row stands in the middle between two rows of the log"]
+    if not whole.all():
+        notes.append(f"{int((~whole).sum())} rows were left out: rows before them are missing")
+    return middle[whole], {name: column[whole] for name, column in ours.items()}, notes
+
+
+def only_ours(table: Table, ours: tuple[str, ...]) -> Table:
+    """Return a table without foreign columns, and tell of these; refuse what looks misspelt."""
+    extra = [name for name in table.columns if name not in ours]
+    if not extra:
+        return table
+    absent = [name for name in ours if name not in table.columns]
+    for name in extra:
+        if near := get_close_matches(name.lower(), absent, 1, 0.7):
+            raise InputError(
+                f"{table.path} has the unknown column(s) {name}; is it {near[0]}? rename it, or use"
+                f" a column map (--columns); columns are {', '.join(ours)}"
+            )
+    columns = {name: table.columns[name] for name in ours if name in table.columns}
+    note = f"column(s) passed over: {', '.join(extra)}"
+    return replace(table, columns=columns, notes=(*table.notes, note))
+
+
+def _entry(name: str, value: Any, top: Mapping[str, Any], defaults: dict[str, str]) -> Entry:
     kind = _kind(name)
-    content = {"column": value} if isinstance(value, str) else value
-    if not isinstance(content, Mapping) or not isinstance(content.get("column"), str):
+    content = value if isinstance(value, Mapping) else {"column": value}
+    column: Any = content.get("column")
+    numbered = isinstance(column, int) and not isinstance(column, bool) and column > 0
+    if not isinstance(column, str) and not numbered:
         raise InputError(
-            f"{name} must be a column's name or like {{column: NAME, unit: UNIT}}, not {value!r}"
+            f"{name} must be a column's name or number, or like {{column: NAME, unit: UNIT}}, not"
+            f" {value!r}"
         )
-    extra = [key for key in content if key not in ("column", "unit", "radius", "scale")]
+    extra = [key for key in content if key not in _KEYS]
     if extra:
-        raise InputError(
-            f"{name} has no {', '.join(map(str, extra))}; it has column, unit, radius, scale"
-        )
+        raise InputError(f"{name} has no {', '.join(map(str, extra))}; it has {', '.join(_KEYS)}")
     unit = content.get("unit", defaults.get(kind, _OURS.get(kind, "rad/s")))
     if not isinstance(unit, str) or unit not in _KINDS[kind]:
         raise InputError(f"{name} ({kind}) is in one of {', '.join(_KINDS[kind])}, not {unit!r}")
-    factor = _KINDS[kind][unit] * _number(content.get("scale", 1.0), f"scale of {name}")
-    if kind == "wheel speed" and unit in _RATE:
-        radius = content.get("radius", radius)
-        if radius is None:
-            raise InputError(f"{name} is in {unit}: give the wheel_radius in metres")
-        factor *= checks.positive(_number(radius, "wheel_radius"), "wheel_radius", "m")
-    return Entry(content["column"], factor)
+    content = dict(content)
+    turns = unit.removesuffix("/row") in _TURN or unit in _WHEEL_RATE
+    if kind == "wheel speed" and turns:
+        short = {key.removeprefix("wheel_"): top[key] for key in _TOP if key in top}
+        if content.keys() & {"radius", "diameter"}:
+            short = {key: short[key] for key in short.keys() - {"radius", "diameter"}}
+        content = short | content
+    factor = _KINDS[kind][unit]
+    if unit.startswith("ticks"):
+        if "ticks_per_turn" not in content:
+            raise InputError(f"{name} is in {unit}: give ticks_per_turn, of the encoder's axle")
+        factor /= checks.positive(_number(content["ticks_per_turn"], "ticks_per_turn"),
+                                  "ticks_per_turn")  # fmt: skip
+    if "gear" in content and (turns or unit in _TURN):
+        factor /= checks.positive(_number(content["gear"], "gear"), "gear")
+    if kind == "wheel speed" and turns:
+        factor *= _radius(name, unit, content)
+    scale = _number(content.get("scale", 1.0), f"scale of {name}")
+    offset = content.get("offset", 0.0)
+    offset = 0.0 if offset == 0 else _number(offset, f"offset of {name}")
+    counted = kind == "wheel speed" and unit in _COUNTED
+    return Entry(
+        column=column,
+        factor=factor * scale,
+        offset=0.0 if counted else factor * offset,
+        stated="unit" in content,
+        count=("row" if unit.endswith("/row") else "running") if counted else None,
+        wrap=None if content.get("wrap") is None else _number(content["wrap"], f"wrap of {name}"),
+    )
+
+
+def _radius(name: str, unit: str, content: Mapping[str, Any]) -> float:
+    if "radius" in content and "diameter" in content:
+        raise InputError(f"{name} has a radius and a diameter; give one of them")
+    if "radius" not in content and "diameter" not in content:
+        raise InputError(
+            f"{name} is in {unit}: give the wheel_radius (or wheel_diameter) in metres"
+        )
+    what, half = ("wheel_diameter", 0.5) if "diameter" in content else ("wheel_radius", 1.0)
+    radius = half * checks.positive(_number(content[what[6:]], what), what, "m")
+    if not RADII[0] <= radius <= RADII[1]:
+        raise InputError(
+            f"{what} of {radius / half:g} m: wheels are {RADII[0]:g} to {RADII[1]:g} m in radius;"
+            " is it in metres?"
+        )
+    return radius
 
 
 def _kind(name: Any) -> str:
@@ -151,13 +341,8 @@ def _kind(name: Any) -> str:
     for prefix, kind in (("speed_", "wheel speed"), ("steer_", "angle")):
         if text.startswith(prefix):
             return kind
-    known = {
-        "t": "time",
-        "yaw_rate": "turning rate",
-        **dict.fromkeys(("vx", "vy", "vz"), "velocity"),
-    }
-    if text in known:
-        return known[text]
+    if text in _PLAIN:
+        return _PLAIN[text]
     raise InputError(
         f"{text} is none of t, speed_WHEEL, steer_WHEEL, vx, vy, vz, yaw_rate: our name comes"
         " first, then the column of the file"

@@ -2,7 +2,8 @@
 
 A headings file has the columns ``t,vx,vy,vz`` and, optionally, ``t_start,t_end`` [s], ``weight``,
 ``sd_deg`` [deg], ``inliers`` and ``valid`` (0 or 1).  A velocities file has ``t,vx,vy``, and
-optionally ``vz`` [m/s] and ``yaw_rate`` [rad/s].
+optionally ``vz`` [m/s], ``yaw_rate`` [rad/s] and ``direction_sd_deg`` (the error that all
+directions share, see `evcalib.series.VelocitySeries`).
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ import numpy as np
 
 from data_tools.files.archives import SUFFIX, load_array, opened_zip
 from data_tools.files.csv_table import Table, check_times, read_table, write_table
-from data_tools.logs.column_maps import Columns, read_mapped
+from data_tools.logs.column_maps import Columns, converted, only_ours, read_mapped
 from evcalib.arrays import Floats
 from evcalib.baselines.authors import PairedRows
 from evcalib.errors import InputError
@@ -27,18 +28,27 @@ PAIRING = 0.01
 """Largest distance in time [s] of the two halves of an authors' row."""
 
 
-def read_headings(path: str | Path) -> HeadingSeries:
+def read_headings(path: str | Path, notes: list[str] | None = None) -> HeadingSeries:
     """Read a headings file.
+
+    Parameters
+    ----------
+    path : path
+        The CSV file; see `data_tools.files.csv_table`.
+    notes : list of str, optional
+        Takes what was left out or taken for granted.
 
     Raises
     ------
     InputError
         If the file is empty, lacks a column or has an unknown one, or a row is unusable.
     """
-    table = read_table(path)
+    needed = ("t", "vx", "vy", "vz")
+    table = read_table(path, names={4: needed})
     optional = ("t_start", "t_end", "weight", "sd_deg", "inliers", "valid")
-    _check_columns(table, ("t", "vx", "vy", "vz"), optional)
-    check_times(table, max_step=MAX_STEP)
+    table = check_times(_checked(table, needed, optional), max_step=MAX_STEP)
+    if notes is not None:
+        notes += table.notes
     columns = table.columns
     sd = columns.get("sd_deg")
     valid = columns.get("valid")
@@ -75,7 +85,10 @@ def write_headings(path: str | Path, headings: HeadingSeries) -> None:
 
 
 def read_velocities(
-    path: str | Path, columns: Columns | None = None, time_unit: str = "s"
+    path: str | Path,
+    columns: Columns | None = None,
+    time_unit: str | None = None,
+    notes: list[str] | None = None,
 ) -> VelocitySeries:
     """Read a velocities file.
 
@@ -87,20 +100,28 @@ def read_velocities(
         Which of its columns, in which units, are ours; see `data_tools.logs.column_maps`.
     time_unit : {"s", "ms", "us", "ns"}
         Unit of ``t``, unless the map tells it.
+    notes : list of str, optional
+        Takes what was held, left out or taken for granted.
 
     Raises
     ------
     InputError
-        If the file is empty, lacks a column or has an unknown one, or a row is unusable.
+        If the file is empty, lacks a column or has one misspelt, or a row is unusable.
     """
-    table = read_mapped(path, columns, time_unit=time_unit)
-    _check_columns(table, ("t", "vx", "vy"), ("vz", "yaw_rate"))
-    check_times(table, max_step=MAX_STEP)
-    found = table.columns
+    needed, optional = ("t", "vx", "vy"), ("vz", "yaw_rate", "direction_sd_deg")
+    names = {3: needed, 5: needed + optional[:2]}
+    table, entries = read_mapped(path, columns, time_unit=time_unit, names=names)
+    table = check_times(_checked(table, needed, optional), max_step=MAX_STEP)
+    if notes is not None:
+        notes += table.notes
+    values = {name: column for name, column in table.columns.items() if name != "t"}
+    t, found, _ = converted(table.columns["t"], values, entries)
+    found["t"] = t
     v_z = found.get("vz", np.zeros_like(found["t"]))
     try:
         v = np.stack([found["vx"], found["vy"], v_z], axis=1)
-        return VelocitySeries(found["t"], v, found.get("yaw_rate"))
+        shared = np.radians(np.max(found.get("direction_sd_deg", 0.0)))
+        return VelocitySeries(found["t"], v, found.get("yaw_rate"), direction_sd=float(shared))
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
 
@@ -111,6 +132,9 @@ def write_velocities(path: str | Path, velocities: VelocitySeries) -> None:
     columns = {"t": velocities.t, "vx": x, "vy": y, "vz": z}
     if velocities.yaw_rate is not None:
         columns["yaw_rate"] = velocities.yaw_rate
+    if velocities.direction_sd:
+        sd = np.degrees(velocities.direction_sd)
+        columns["direction_sd_deg"] = np.full(velocities.t.size, sd)
     write_table(path, columns)
 
 
@@ -180,14 +204,12 @@ def _unit(v: Floats, path: str | Path) -> Floats:
     return v / length
 
 
-def _check_columns(table: Table, needed: tuple[str, ...], optional: tuple[str, ...]) -> None:
+def _checked(table: Table, needed: tuple[str, ...], optional: tuple[str, ...]) -> Table:
     missing = [name for name in needed if name not in table.columns]
-    extra = [name for name in table.columns if name not in needed + optional]
-    if missing or extra:
+    if missing:
         raise InputError(
-            f"{table.path} "
-            + (f"lacks the column(s) {', '.join(missing)}" if missing else "")
-            + (" and " if missing and extra else "")
-            + (f"has the unknown column(s) {', '.join(extra)}" if extra else "")
-            + f"; columns are {', '.join(needed)}, and optionally {', '.join(optional)}"
+            f"{table.path} lacks the column(s) {', '.join(missing)}; it has"
+            f" {', '.join(table.columns)}; columns are {', '.join(needed)}, and optionally"
+            f" {', '.join(optional)}"
         )
+    return only_ours(table, needed + optional)

@@ -2,22 +2,29 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from data_tools.files.text import read_text
+from data_tools.files.csv_table import check_times, read_table
 from evcalib.errors import InputError
 from evcalib.poses import PoseSeries
 
 COLUMNS = ("t", "x", "y", "z", "qx", "qy", "qz", "qw")
 
 
-def read_tum(path: str | Path) -> PoseSeries:
+def read_tum(path: str | Path, notes: list[str] | None = None) -> PoseSeries:
     """Read a trajectory.
 
-    Columns are separated by spaces, tabs or commas; lines that begin with ``#`` are comments.
+    Parameters
+    ----------
+    path : path
+        The file: eight columns, named as here or in this order without names; separators, comments
+        and encodings are those of `data_tools.files.csv_table`.
+    notes : list of str, optional
+        Takes what was left out or taken for granted.
 
     Raises
     ------
@@ -25,17 +32,25 @@ def read_tum(path: str | Path) -> PoseSeries:
         If the file cannot be read, a line does not hold eight finite numbers, or the poses are
         unusable (see :class:`evcalib.poses.PoseSeries`).
     """
-    text = read_text(path)
-    rows: list[list[float]] = []
-    for number, line in enumerate(text.splitlines(), start=1):
-        where, cells = f"{path} line {number}", line.replace(",", " ").split()
-        if rows and line.lstrip().startswith("#") and len(cells) == len(COLUMNS):
-            raise InputError(f"{where}: a comment that looks like a damaged pose; take it out")
-        if cells and not line.lstrip().startswith("#"):
-            rows.append(_numbers(where, cells))
-    if not rows:
-        raise InputError(f"{path} holds no pose: each line must be {' '.join(COLUMNS)}")
-    values = np.array(rows)
+    table = read_table(path, names={len(COLUMNS): COLUMNS})
+    ours = {_ours(name): name for name in table.columns}
+    if not set(COLUMNS) <= set(table.columns) and set(COLUMNS) <= set(ours):
+        told = ", ".join(f"{ours[name]} is {name}" for name in COLUMNS if ours[name] != name)
+        table = replace(
+            table,
+            columns={name: table.columns[ours[name]] for name in COLUMNS},
+            notes=(*table.notes, f"columns: {told}"),
+        )
+    lacking = [name for name in COLUMNS if name not in table.columns]
+    if lacking:
+        raise InputError(
+            f"{path} lacks {', '.join(lacking)} of a TUM trajectory ({' '.join(COLUMNS)}); it has"
+            f" {', '.join(table.columns)}"
+        )
+    table = check_times(table)
+    if notes is not None:
+        notes += table.notes
+    values = np.stack([table.columns[name] for name in COLUMNS], axis=1)
     try:
         return PoseSeries(values[:, 0], values[:, 1:4], values[:, [7, 4, 5, 6]])
     except InputError as error:
@@ -51,16 +66,9 @@ def write_tum(path: str | Path, poses: PoseSeries) -> None:
         file.writelines(" ".join(map(repr, row)) + "\n" for row in rows.tolist())
 
 
-def _numbers(where: str, cells: list[str]) -> list[float]:
-    if len(cells) != len(COLUMNS):
-        raise InputError(
-            f"{where} has {len(cells)} values, not the {len(COLUMNS)} of a TUM trajectory"
-            f" ({' '.join(COLUMNS)})"
-        )
-    try:
-        row = [float(cell) for cell in cells]
-    except ValueError as error:
-        raise InputError(f"{where}: {error}") from None
-    if not np.isfinite(row).all():
-        raise InputError(f"{where} holds a value that is not a finite number")
-    return row
+def _ours(name: str) -> str:
+    """Return our name of a column such as ``timestamp``, ``tx``, ``p_x`` or ``q_w``."""
+    plain = name.lower().replace("_", "")
+    if plain in ("t", "time", "timestamp", "stamp"):
+        return "t"
+    return plain if plain[:1] == "q" else plain[-1:]

@@ -18,7 +18,7 @@ from evcalib import checks
 from evcalib.arrays import Floats
 from evcalib.checks import whole_us
 from evcalib.errors import InputError
-from evcalib.kinematics import BodyVelocities, Vehicle, WheelLog, body_velocities
+from evcalib.kinematics import BodyVelocities, Vehicle, WheelLog, WheelStates, body_velocities
 from evcalib.series import VelocitySeries
 
 MIN_STEP = 1e-4
@@ -41,12 +41,16 @@ class VelocitySource:
         Slip, and what the limits left out, if wheels were read.
     notes : tuple of str
         What was taken for granted or left out.
+    vehicle, states : Vehicle and WheelStates, or None
+        What the velocities were made from, if wheels were read: all rows.
     """
 
     name: str
     velocities: VelocitySeries
     wheels: BodyVelocities | None = None
     notes: tuple[str, ...] = ()
+    vehicle: Vehicle | None = None
+    states: WheelStates | None = None
 
     def limited(
         self, *, max_slip: float | None = None, max_yaw_rate: float | None = None
@@ -78,9 +82,11 @@ def read_body_velocities(
     topic: str | None = None,
     vehicle: Vehicle | str | Path | None = None,
     columns: Columns | None = None,
-    time_unit: str = "s",
+    time_unit: str | None = None,
     wheel_radius: float | None = None,
     origin_us: int = 0,
+    clock_shift: float = 0.0,
+    twist_frame: str | None = None,
     max_slip: float | None = None,
     max_yaw_rate: float | None = None,
 ) -> VelocitySource:
@@ -98,12 +104,16 @@ def read_body_velocities(
     columns : mapping or path, optional
         Column map, or its YAML file (see `data_tools.logs.column_maps`); for joints, of joints.
     time_unit : {"s", "ms", "us", "ns"}
-        Unit of the times of a CSV file, unless the map tells it.
+        Unit of the times of a CSV file, seconds unless the map tells it.
     wheel_radius : float, optional
         Radius [m] for wheels whose speed is given in rad/s.
     origin_us : int
         Subtracted from all times [us]: give the recording's `origin_us`, if its camera and the
         vehicle were on one clock.
+    clock_shift : float
+        Added to all times [s], to bring clocks together that are hours apart.
+    twist_frame : {"body", "ground"}, optional
+        The frame of a bag's twists, where it does not tell; see `data_tools.logs.odometry_frames`.
     max_slip, max_yaw_rate : float, optional
         Limits [m/s], [rad/s] over which rows of wheels are left out; see `body_velocities`.
 
@@ -122,7 +132,9 @@ def read_body_velocities(
     if vehicle is not None and isinstance(vehicle, str | Path):
         vehicle = read_vehicle(vehicle)
     motion: VelocitySeries | WheelLog
-    notes: tuple[str, ...] = ()
+    notes: list[str] = []
+    if not np.isfinite(clock_shift):
+        raise InputError(f"clock_shift must be a finite number of seconds, not {clock_shift!r}")
     bag = is_bag(path, _head(path))
     if bag:
         stream = read_bag_motion(
@@ -132,27 +144,38 @@ def read_body_velocities(
             columns=columns,
             wheel_radius=wheel_radius,
             origin_us=origin,
+            twist_frame=twist_frame,
         )
-        motion, notes = stream.motion, stream.notes
-    elif topic is not None:
-        raise InputError(f"{path} is no bag: it has no topic {topic}")
+        motion, notes = stream.motion, list(stream.notes)
+        if time_unit is not None:
+            raise InputError(f"{path} is a bag, whose stamps are in ns: it takes no time unit")
+    elif topic is not None or twist_frame is not None:
+        what = f"topic {topic}" if topic is not None else "twists"
+        raise InputError(f"{path} is no bag: it has no {what}")
     elif vehicle is not None:
-        motion = read_wheel_log(path, vehicle, columns, time_unit, wheel_radius)
+        motion = read_wheel_log(path, vehicle, columns, time_unit, wheel_radius, notes)
     else:
-        motion = read_velocities(path, columns, time_unit)
+        motion = read_velocities(path, columns, time_unit, notes)
     _check_steps(motion.t, path)
     if not bag:
         motion = replace(motion, t=motion.t - origin / 1e6)
+    if clock_shift:
+        motion = replace(motion, t=motion.t + clock_shift)
+        notes.append(
+            f"{clock_shift:+g} s were added to all times: an offset is of the clock so shifted"
+        )
     if isinstance(motion, WheelLog):
         assert not isinstance(vehicle, str | Path | None)
         try:
             body = body_velocities(motion, vehicle)
         except InputError as error:
             raise InputError(f"{path}: {error}") from None
-        notes = (*notes, body.summary())
-        whole = VelocitySource(str(path), body.velocities, body, notes)
+        notes.append(body.summary())
+        whole = VelocitySource(
+            str(path), body.velocities, body, tuple(notes), vehicle, motion.states
+        )
     else:
-        whole = VelocitySource(str(path), motion, notes=notes)
+        whole = VelocitySource(str(path), motion, notes=tuple(notes))
     return whole.limited(max_slip=max_slip, max_yaw_rate=max_yaw_rate)
 
 
@@ -161,7 +184,7 @@ def _check_steps(t: Floats, path: Path) -> None:
     if steps.size and np.median(steps) < MIN_STEP:
         raise InputError(
             f"{path}: the median step between rows is {np.median(steps):.3g} s; is the unit of"
-            " the times right (time_unit)?"
+            " the times right (--time-unit, time_unit; or unit: of t in a column map)?"
         )
     if steps.size and steps.max() > MAX_GAP:
         row = int(np.argmax(steps)) + 1

@@ -3,18 +3,21 @@
 Columns, in any order: ``t`` [s], then for each wheel of the vehicle file ``speed_NAME`` [m/s] and,
 if the vehicle steers, ``steer_NAME`` [rad].  For every kind of wheel, mecanum and omni included,
 the speed is that of the rim: rotation rate [rad/s] times wheel radius [m], negative = backwards.
-Logs with other columns or units are read by a map, see `data_tools.logs.column_maps`.
+The steering angle is counter-clockwise from above: positive turns the wheel to the left, and a
+wheel at +pi/2 that rolls forwards drives the vehicle to its left.  Other columns are passed over;
+other names and units are read by a map, see `data_tools.logs.column_maps`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
 import numpy as np
 
 from data_tools.files.csv_table import Table, check_times, write_table
-from data_tools.logs.column_maps import Columns, read_mapped
+from data_tools.files.row_times import MAX_JUMP
+from data_tools.logs.column_maps import Columns, Entry, converted, only_ours, read_mapped
 from data_tools.logs.vehicle_files import read_vehicle
 from evcalib.arrays import Floats
 from evcalib.errors import InputError
@@ -25,23 +28,22 @@ MAX_STEER = 2 * np.pi
 """Angles beyond a full turn [rad] are taken for degrees."""
 MAX_STEP = 5.0
 """A median step between rows above this [s] is taken for a mistake of units."""
-MAX_JUMP = 60.0
-"""A single step above this [s] is taken for a clock that was set."""
 
 
 def read_wheel_log(
     path: str | Path,
     vehicle: Vehicle,
     columns: Columns | None = None,
-    time_unit: str = "s",
+    time_unit: str | None = None,
     wheel_radius: float | None = None,
+    notes: list[str] | None = None,
 ) -> WheelLog:
     """Read the wheel log of a vehicle.
 
     Parameters
     ----------
     path : str or Path
-        CSV file with the columns described above and no others, unless there is a map.
+        CSV file with the columns described above (see `data_tools.files.csv_table`).
     vehicle : Swerve, Mecanum or Omni
         Names the wheels; the states come in the order of its wheels.
     columns : mapping or path, optional
@@ -51,6 +53,8 @@ def read_wheel_log(
         Unit of ``t``, unless the map tells it.
     wheel_radius : float, optional
         Radius [m] for speeds that the map has in rad/s, deg/s or rpm, unless it tells it.
+    notes : list of str, optional
+        Takes what was held, left out or taken for granted.
 
     Returns
     -------
@@ -63,16 +67,61 @@ def read_wheel_log(
         If the file is empty or has one row, columns are missing or strange, a cell is no finite
         number, times do not increase, or values look like another unit.
     """
-    table = read_mapped(path, columns, time_unit=time_unit, wheel_radius=wheel_radius)
-    _check_columns(table, vehicle)
-    check_times(table, max_step=MAX_STEP, max_jump=MAX_JUMP)
-    speed = _columns(table, "speed", vehicle.names)
-    _check_range(table, "speed", vehicle.names, MAX_SPEED, "m/s")
+    table, entries = read_mapped(path, columns, time_unit=time_unit, wheel_radius=wheel_radius)
+    _check_vehicle(table, vehicle)
+    table = only_ours(table, wanted_columns(vehicle))
+    table = check_times(table, max_step=MAX_STEP, max_jump=MAX_JUMP)
+    values = {name: column for name, column in table.columns.items() if name != "t"}
+    t, values, more = converted(table.columns["t"], values, entries)
+    if notes is not None:
+        notes += [*table.notes, *more]
+    same = t.size == table.line.size
+
+    def where(row: int) -> str:
+        return f"{path} line {table.line[row]}" if same else f"{path}, t = {t[row]:.3f} s"
+
+    return wheel_log(t, values, entries, vehicle, where)
+
+
+def wheel_log(
+    t: Floats,
+    values: Mapping[str, Floats],
+    entries: Mapping[str, Entry],
+    vehicle: Vehicle,
+    where: Callable[[int], str],
+) -> WheelLog:
+    """Return columns [m/s, rad] under our names as the log of a vehicle.
+
+    Parameters
+    ----------
+    t : ndarray, shape (n,)
+        Times [s].
+    values, entries : mapping
+        Columns (n,), and the map that they came by.
+    vehicle : Swerve, Mecanum or Omni
+        Names the wheels.
+    where : callable
+        Names a row in messages.
+
+    Raises
+    ------
+    InputError
+        If values look like another unit.
+    """
+    _check_range(values, "speed_", MAX_SPEED, "m/s", where)
+    unsaid = {name: values[name] for name in values if not entries[name].stated}
+    _check_range(unsaid, "steer_", MAX_STEER * (1 + 1e-6), "rad", where)
+    speed = np.stack([values[f"speed_{name}"] for name in vehicle.names], axis=1)
     if not vehicle.steered:
-        return WheelLog(table.columns["t"], WheelStates(speed))
-    _check_range(table, "steer", vehicle.names, MAX_STEER * (1 + 1e-6), "rad")
-    steer = _columns(table, "steer", vehicle.names)
-    return WheelLog(table.columns["t"], WheelStates(speed, steer))
+        return WheelLog(t, WheelStates(speed))
+    steer = np.stack([values[f"steer_{name}"] for name in vehicle.names], axis=1)
+    return WheelLog(t, WheelStates(speed, steer))
+
+
+def wanted_columns(vehicle: Vehicle) -> tuple[str, ...]:
+    """Return the names of the columns of a vehicle's wheel log."""
+    kinds = ("speed", "steer") if vehicle.steered else ("speed",)
+    return ("t", *(f"{kind}_{name}" for name in vehicle.names for kind in kinds))
 
 
 def write_wheel_log(path: str | Path, log: WheelLog, vehicle: Vehicle) -> None:
@@ -101,9 +150,8 @@ def velocities_from_files(
     return body_velocities(log, described, max_slip=max_slip, max_yaw_rate=max_yaw_rate)
 
 
-def _check_columns(table: Table, vehicle: Vehicle) -> None:
-    kinds = ("speed", "steer") if vehicle.steered else ("speed",)
-    want = ["t"] + [f"{kind}_{name}" for name in vehicle.names for kind in kinds]
+def _check_vehicle(table: Table, vehicle: Vehicle) -> None:
+    want = wanted_columns(vehicle)
     missing = [name for name in want if name not in table.columns]
     extra = [name for name in table.columns if name not in want]
     if missing:
@@ -113,10 +161,12 @@ def _check_columns(table: Table, vehicle: Vehicle) -> None:
             + (f": nothing to say how wheel(s) {', '.join(at)} moved" if at else "")
             + f"; columns must be {', '.join(want)}"
             + (f", without {', '.join(extra)}" if extra else "")
+            + "; other names and units are read by a column map (--columns)"
         )
-    if extra:
+    strange = [name for name in extra if name.startswith(("speed_", "steer_"))]
+    if strange:
         raise InputError(
-            f"{table.path} has the column(s) {', '.join(extra)}, which this vehicle does not;"
+            f"{table.path} has the column(s) {', '.join(strange)}, which this vehicle does not;"
             f" columns must be {', '.join(want)}"
         )
 
@@ -126,20 +176,24 @@ def _wheels_of(columns: Iterable[str]) -> list[str]:
     return list(dict.fromkeys(names))
 
 
-def _columns(table: Table, kind: str, names: tuple[str, ...]) -> Floats:
-    return np.stack([table.columns[f"{kind}_{name}"] for name in names], axis=1)
-
-
-def _check_range(table: Table, kind: str, names: tuple[str, ...], limit: float, unit: str) -> None:
+def _check_range(
+    values: Mapping[str, Floats],
+    kind: str,
+    limit: float,
+    unit: str,
+    where: Callable[[int], str],
+) -> None:
     hints = {
-        "speed": "speeds are in metres per second at the rim",
-        "steer": "angles are in radians, not degrees; wrap angles of several turns to +-pi",
+        "speed_": "speeds are in metres per second at the rim; other units are read by a column map"
+        " (--columns), as in {name}: {{column: NAME, unit: rpm, radius: 0.05}}",
+        "steer_": "angles are in radians, not degrees: a column map (--columns) with {name}:"
+        " {{column: NAME, unit: deg}} reads degrees, and with unit: rad radians of several turns",
     }
-    for name in names:
-        values = table.columns[f"{kind}_{name}"]
-        bad = np.abs(values) > limit
-        if bad.any():
+    for name, column in values.items():
+        bad = np.abs(column) > limit
+        if name.startswith(kind) and bad.any():
+            row = int(np.argmax(bad))
             raise InputError(
-                f"{table.where(bad)}: {kind}_{name} is {values[bad][0]:.6g} {unit}, beyond"
-                f" {limit:.4g} {unit}; {hints[kind]}"
+                f"{where(row)}: {name} is {column[row]:.6g} {unit}, beyond {limit:.4g} {unit};"
+                f" {hints[kind].format(name=name)}"
             )

@@ -18,13 +18,15 @@ from data_tools.runs.folder import RunFolder
 from data_tools.runs.headings import open_with_camera, with_progress
 from evcalib.alignment import Calibration
 from evcalib.errors import InputError
+from evcalib.kinematics import REFUSE_SLIP
 from evcalib.pipeline import CalibrationRun, Truth, calibrate
 
 MAX_YAW_RATE = 0.5
 """Rows that turn faster [rad/s] are left out; slower turning is accounted for."""
 
 LEAST_SLIP, USUAL_SLIPS = 0.05, 6.0
-"""Rows whose slip is above this [m/s], and above so many times the median, are left out."""
+"""Rows whose slip is above this [m/s], and above so many times the median, or a third of the usual
+wheel speed if that is less, are left out."""
 
 
 def calibrate_files(recording: str | Path, camera: str | Path, **options: Any) -> Calibration:
@@ -75,8 +77,8 @@ def run_files(
     command : str
         Command line that repeats the run, for the report.
     max_slip : float, optional
-        Wheel rows that slip more [m/s] are left out; by default those above 0.05 m/s and six
-        times the median.
+        Wheel rows that slip more [m/s] are left out; by default those above 0.05 m/s, and above
+        six times the median or a third of the wheels' speed.
     max_yaw_rate : float, optional
         Rows that turn faster [rad/s] are left out, where they tell; None leaves out none.
     reading, motion : mapping, optional
@@ -127,7 +129,12 @@ def run_files(
             run,
             recording=_description(events, run),
             losses=dict(events.losses),
-            settings={**run.settings, "max_slip": max_slip, "max_yaw_rate": max_yaw_rate},
+            settings={
+                **run.settings,
+                "max_slip": max_slip,
+                "max_yaw_rate": max_yaw_rate,
+                **({"clock_shift": shift} if (shift := (motion or {}).get("clock_shift")) else {}),
+            },
             timings={"velocities": spent, **run.timings},
             command=command,
             truth=truth,
@@ -159,7 +166,9 @@ def _within_limits(
     if source.velocities.yaw_rate is None:
         max_yaw_rate = None
     if source.wheels is not None and max_slip is None:
-        max_slip = max(LEAST_SLIP, USUAL_SLIPS * float(np.median(source.wheels.slip)))
+        wheels = source.wheels
+        usual = USUAL_SLIPS * float(np.median(wheels.slip))
+        max_slip = max(LEAST_SLIP, min(usual, REFUSE_SLIP * wheels.wheel_speed))
     return source.limited(max_slip=max_slip, max_yaw_rate=max_yaw_rate)
 
 

@@ -15,7 +15,7 @@ from data_tools.files.text import LARGEST_YAML, read_text, read_yaml
 from evcalib.alignment import Calibration
 from evcalib.arrays import Floats
 from evcalib.errors import InputError
-from evcalib.geometry import matrix_to_quaternion, matrix_to_rpy, quaternion_to_matrix
+from evcalib.geometry import camera_looks, matrix_to_quaternion, matrix_to_rpy, quaternion_to_matrix
 from evcalib.geometry import rpy_to_matrix as rpy_matrix
 
 CONVENTION = (
@@ -247,6 +247,8 @@ def summary_text(calibration: Calibration) -> str:
         + ", ".join(f"{min(x, 180.0):.2f}" for x in sd)
         + " deg;"
         f" error within {math.degrees(calibration.rotation_radius):.2f} deg (95 %)",
+        f"           the camera looks {camera_looks(calibration.R_body_cam)}"
+        + ("" if calibration.rotation_observable else ", if the rotation were known"),
         offset,
         "           t_body = t_cam + offset",
         f"Headings   {used} used, {100 * mixture.inliers:.0f} % inliers,"

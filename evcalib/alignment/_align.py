@@ -157,9 +157,10 @@ def align(
         searched=None if curve is None else max_offset,
         given=given,
     )
-    return Calibration.of(
+    calibration = Calibration.of(
         answer, rotation, diagnostics, solution.residuals, curve=curve, settings=settings
     )
+    return calibration.widened(velocities.direction_sd)
 
 
 def _check(settings: dict[str, Any]) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import Any, Self
 
 import numpy as np
@@ -14,7 +14,7 @@ from evcalib.alignment.verdict import Diagnostics, Verdict, judge
 from evcalib.arrays import Floats
 from evcalib.display import Rows, Shown
 from evcalib.geometry import LOOKS_FORWARD, matrix_to_rpy
-from evcalib.uncertainty import rotation_sd
+from evcalib.uncertainty import rotation_radius, rotation_sd
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,6 +104,37 @@ class Calibration(Shown):
             diagnostics=diagnostics,
             verdict=judge(diagnostics, offset, rotation) if verdict is None else verdict,
             **more,
+        )
+
+    def widened(self, direction_sd: float) -> Self:
+        """Return the calibration with an error that all directions of the body share.
+
+        Parameters
+        ----------
+        direction_sd : float
+            Standard deviation about the body's Z axis [rad]; 0 changes nothing.
+
+        Returns
+        -------
+        Calibration
+            With a wider rotation, and a doubt in the verdict.
+        """
+        if direction_sd == 0:
+            return self
+        common = np.diag([0.0, 0.0, direction_sd**2])
+        covariance = self.rotation_covariance + common
+        doubt = (
+            "The wheels contradict each other: all directions may be off by"
+            f" {np.degrees(direction_sd):.1f} deg (sd), which the error bars of the rotation count."
+            " Look at steering zeros, units and signs of the wheel log."
+        )
+        reasons, doubts = (*self.verdict.reasons, doubt), (*self.verdict.doubts, doubt)
+        return replace(
+            self,
+            rotation_covariance=covariance,
+            rotation_sd=rotation_sd(covariance),
+            rotation_radius=float(np.hypot(self.rotation_radius, rotation_radius(common))),
+            verdict=replace(self.verdict, reasons=reasons, doubts=doubts),
         )
 
     _most_lines = 2

@@ -10,7 +10,7 @@ from evcalib.arrays import Flags, Floats, Integers
 from evcalib.errors import InputError
 from evcalib.kernels.alignment import offset as kernel
 from evcalib.kinematics.velocity_track import VelocityTrack
-from evcalib.series import HeadingSeries
+from evcalib.series import HeadingSeries, clocks_apart
 
 MIN_PAIRS = 6
 """Fewest headings that a calibration can rest on: each has two degrees of freedom, of four unknowns
@@ -171,6 +171,7 @@ class StreamPair:
         return (
             f"headings ({t[0]:.3f} to {t[-1]:.3f} s) and velocities ({on[0]:.3f} to {on[-1]:.3f}"
             f" s, where moving and without gaps) do not overlap {where}"
+            f"{clocks_apart((t[0], t[-1]), (on[0], on[-1]))}"
         )
 
 

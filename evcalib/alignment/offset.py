@@ -79,7 +79,7 @@ def candidate_offsets(max_offset: float, step: float = STEP) -> Floats:
     if max_offset > 1e5 * step:
         raise InputError(
             f"max_offset of {max_offset:g} s asks for more than 200,000 candidates; bring the"
-            " clocks together first"
+            " clocks together first (--clock-shift)"
         )
     if max_offset < 2 * step:
         raise InputError(f"max_offset must be at least two steps of {step:g} s, not {max_offset:g}")

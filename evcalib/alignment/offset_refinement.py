@@ -67,6 +67,7 @@ def refine_offset(
     offset, turn = start, _turning(pair, start)
     R, mixture = _at(pair, offset, WIDE_LOSS_SCALES)
     curvature, converged = 0.0, False
+    least = MIN_OVERLAP * pair.weight[pair.directions(start)[1]].sum()
     for _ in range(12):
         # Residuals at the window's borders must stay within the scale of the loss.
         sigma = float(np.hypot(mixture.sigma, turn * window / np.sqrt(3)))
@@ -79,6 +80,8 @@ def refine_offset(
         move, curvature = peak_of_parabola(steps[use], score[use], window)
         if curvature >= 0:
             break
+        if pair.weight[pair.directions(offset + move)[1]].sum() < least:
+            break  # it walks away from the data
         offset += move
         R, mixture = _at(pair, offset, scales)
         if abs(move) < 1e-3 * window:

@@ -22,10 +22,20 @@ vehicle               a wheel measures                       wheels
 """
 
 from evcalib.kinematics._states import BodyTwist, WheelLog, WheelStates
-from evcalib.kinematics._vehicles import Mecanum, Omni, OmniWheel, Swerve, Vehicle, Wheel
-from evcalib.kinematics._velocities import BodyVelocities, body_velocities
+from evcalib.kinematics._vehicles import (
+    MAX_REACH,
+    Mecanum,
+    Omni,
+    OmniWheel,
+    Swerve,
+    Vehicle,
+    Wheel,
+)
+from evcalib.kinematics._velocities import REFUSE_SLIP, BodyVelocities, body_velocities
 
 __all__ = [
+    "MAX_REACH",
+    "REFUSE_SLIP",
     "BodyTwist",
     "BodyVelocities",
     "Mecanum",

@@ -16,6 +16,10 @@ from evcalib.errors import InputError
 from evcalib.kinematics import _rigid
 from evcalib.kinematics._states import BodyTwist, WheelStates
 
+MAX_REACH = 20.0
+"""Wheels (and cameras) farther from the body's origin [m] are taken for a mistake of units: the
+largest self-propelled transporters are shorter than twice this."""
+
 
 @dataclass(frozen=True)
 class Wheel:
@@ -39,6 +43,7 @@ class Wheel:
         for field in fields(self)[1:]:
             value = _number(getattr(self, field.name), f"{field.name} of wheel {self.name}")
             object.__setattr__(self, field.name, value)
+        _check_reach(max(abs(self.x), abs(self.y)), f"wheel {self.name}")
 
 
 @dataclass(frozen=True)
@@ -216,6 +221,7 @@ class Mecanum(_Vehicle):
     def __post_init__(self) -> None:
         for name in ("half_length", "half_width"):
             value = checks.positive(getattr(self, name), name, "m")
+            _check_reach(value, name)
             object.__setattr__(self, name, value)
 
     @property
@@ -292,6 +298,14 @@ def _check_wheels(wheels: Iterable[Wheel], least: int, kind: type[Wheel]) -> tup
     if len(wheels) < least:
         raise InputError(f"at least {least} wheels are needed, not {len(wheels)}")
     return wheels
+
+
+def _check_reach(distance: float, what: str) -> None:
+    if distance > MAX_REACH:
+        raise InputError(
+            f"{what} is {distance:g} m from the body's origin, over {MAX_REACH:g} m; are lengths in"
+            " metres (not millimetres)?"
+        )
 
 
 def _number(value: object, name: str) -> float:

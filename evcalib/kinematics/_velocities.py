@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,6 +13,14 @@ from evcalib.errors import InputError
 from evcalib.kinematics._states import WheelLog
 from evcalib.kinematics._vehicles import Mecanum, Omni, Swerve, Vehicle
 from evcalib.series import VelocitySeries
+
+WARN_SLIP, REFUSE_SLIP = 1 / 10, 1 / 3
+"""Shares of the wheels' speed over which slip is told and counted, and over which it is refused.
+A choice between what was measured: real mecanum wheels 0.6 % (`pytest tests/test_real_wheels.py`);
+a steering zero of 3 deg in one wheel of four 2 %, steering in degrees or any zeros 40 to 90 %
+(`pytest tests/test_slip.py`).  Three omni wheels never contradict each other."""
+MOVING = 0.1
+"""Share of the usual top speed of the wheels above which slip is judged."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,6 +39,10 @@ class BodyVelocities(Shown):
         Rows over each limit; a row can be over both.
     removed : int
         Rows removed, n - m.
+    slip_share : float
+        Median slip of the log's rows that move, as a share of their `wheel_speed`.
+    wheel_speed : float
+        Median, over these rows, of the wheels' root mean square speed [m/s].
     """
 
     velocities: VelocitySeries
@@ -39,6 +51,8 @@ class BodyVelocities(Shown):
     over_slip: int
     over_yaw_rate: int
     removed: int
+    slip_share: float = 0.0
+    wheel_speed: float = 0.0
 
     def limited(
         self, max_slip: float | None = None, max_yaw_rate: float | None = None
@@ -56,10 +70,10 @@ class BodyVelocities(Shown):
                 f" {int(over_yaw_rate.sum())} over the yaw-rate limit; raise the limits"
                 " or check units, wheel positions and steering zero"
             )
-        return BodyVelocities(
+        return replace(
+            self,
             velocities=self.velocities.select(kept),
             slip=self.slip[kept],
-            rows=self.rows,
             over_slip=self.over_slip + int(over_slip.sum()),
             over_yaw_rate=self.over_yaw_rate + int(over_yaw_rate.sum()),
             removed=self.removed + int(kept.size - kept.sum()),
@@ -69,10 +83,17 @@ class BodyVelocities(Shown):
         """Return one line for people: rows, what was removed and why, and the slip."""
         gates = f"{self.over_slip} over the slip, {self.over_yaw_rate} over the yaw-rate limit"
         middle, largest = np.median(self.slip), self.slip.max()
-        return (
+        line = (
             f"{self.rows - self.removed} of {self.rows} rows kept ({gates});"
             f" slip {middle:.3g} m/s median, {largest:.3g} m/s largest"
         )
+        if self.slip_share > WARN_SLIP:
+            line += (
+                f"; the wheels contradict each other by {100 * self.slip_share:.0f} % of their"
+                " speed, which is counted as an error of all directions of"
+                f" {np.degrees(self.slip_share):.0f} deg (sd): look for {CAUSES}"
+            )
+        return line
 
 
 def body_velocities(
@@ -104,22 +125,57 @@ def body_velocities(
     Raises
     ------
     InputError
-        If an input is of another type, the log does not fit the vehicle, a limit is not positive,
-        or no row is left.
+        If an input is of another type, the log does not fit the vehicle, the wheels contradict each
+        other by over a third of their speed, a limit is not positive, or no row is left.
     """
     checks.instance(wheel_log, "wheel_log", WheelLog)
     checks.instance(vehicle, "vehicle", Swerve, Mecanum, Omni)
     twist = vehicle.twist(wheel_log.states)
+    share, wheel_speed = _judged(wheel_log, vehicle)
     v = np.column_stack([twist.v, np.zeros(len(twist.v))])
     whole = BodyVelocities(
-        velocities=VelocitySeries(wheel_log.t, v, twist.yaw_rate, frame="body"),
+        velocities=VelocitySeries(
+            wheel_log.t,
+            v,
+            twist.yaw_rate,
+            frame="body",
+            direction_sd=share if share > WARN_SLIP else 0.0,
+        ),
         slip=twist.slip,
         rows=len(v),
         over_slip=0,
         over_yaw_rate=0,
         removed=0,
+        slip_share=share,
+        wheel_speed=wheel_speed,
     )
     return whole.limited(max_slip, max_yaw_rate)
+
+
+CAUSES = (
+    "steering angles in degrees, a steering zero that is off (offset in the column map), wheels in"
+    " another order, a speed of the wrong sign, or mecanum rollers the other way round"
+)
+
+
+def _judged(wheel_log: WheelLog, vehicle: Vehicle) -> tuple[float, float]:
+    """Return the usual slip as a share of the usual wheel speed, and the latter [m/s]."""
+    if isinstance(vehicle, Swerve):
+        vehicle = replace(vehicle, method="least_squares")
+    speed = np.sqrt((wheel_log.states.speed**2).mean(axis=1))
+    moving = speed > MOVING * np.percentile(speed, 90)
+    if not moving.any():
+        return 0.0, 0.0
+    slip = vehicle.twist(wheel_log.states).slip[moving]
+    usual = float(np.median(speed[moving]))
+    share = float(np.median(slip)) / usual
+    if share > REFUSE_SLIP:
+        raise InputError(
+            f"the wheels contradict each other: their slip is {np.median(slip):.3g} m/s,"
+            f" {100 * share:.0f} % of their speed of {usual:.3g} m/s (medians), and no rigid body"
+            f" moves like that; look for {CAUSES}"
+        )
+    return share, usual
 
 
 def _over(values: Floats, limit: float | None, name: str, unit: str) -> Flags:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, nullcontext
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from itertools import chain
 from typing import Any
 
@@ -19,11 +19,11 @@ from evcalib.events import Events
 from evcalib.heading import HeadingEstimate, estimate_headings
 from evcalib.joint import SYSTEMATIC, Systematic, refine_jointly
 from evcalib.joint.tracks import tracks_of
-from evcalib.kinematics import BodyVelocities
+from evcalib.kinematics import MAX_REACH, BodyVelocities
 from evcalib.kinematics.velocity_track import velocity_track
 from evcalib.pipeline._assessment import RefinedCalibration, finish, keep, offset_observable
 from evcalib.pipeline._run import CalibrationRun, Gating, package_versions
-from evcalib.series import VelocitySeries
+from evcalib.series import VelocitySeries, clocks_apart
 
 REFINEMENTS = ("tracks", "none")
 
@@ -110,6 +110,11 @@ def calibrate(
         checks.instance(events, "events", Events)
     lever = checks.floats((0.0, 0.0, 0.0) if camera_position is None else camera_position,
                           "camera_position", (3,))  # fmt: skip
+    if np.abs(lever).max() > MAX_REACH:
+        raise InputError(
+            f"camera_position {tuple(map(float, lever))} is over {MAX_REACH:g} m from the body's"
+            " origin; is it in metres (not millimetres)?"
+        )
     body = velocities.velocities if isinstance(velocities, BodyVelocities) else velocities
     timings: dict[str, float] = {}
     with _stage("headings", on_stage, timings):
@@ -189,14 +194,16 @@ def calibrate_estimate(
     RefinedCalibration
         Also where the motion cannot answer: then it says what is unknown.
     """
+    shared, velocities = velocities.direction_sd, replace(velocities, direction_sd=0.0)
     with stage("alignment"):
         aligned = align(
             estimate.headings, velocities, max_offset=max_offset, offset=offset, seed=seed
         )
     if refinement == "none":
-        return RefinedCalibration.after(aligned)
+        return RefinedCalibration.after(aligned).widened(shared)
     with stage("refinement"):
-        return _refined(aligned, estimate, velocities, focal, max_offset, systematic, lever)
+        final = _refined(aligned, estimate, velocities, focal, max_offset, systematic, lever)
+    return final.widened(shared)
 
 
 def _refined(
@@ -243,7 +250,7 @@ def _overlapping(
             raise InputError(
                 f"the events begin at {start:.3f} s, the velocities end at {body.t[-1]:.3f} s: no"
                 f" overlap within +-{max_offset:g} s; bring the clocks together, or raise"
-                " max_offset"
+                f" max_offset{clocks_apart((start, start), (body.t[0], body.t[-1]))}"
             )
     return chain([] if first is None else [first], pieces)
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from evcalib.arrays import Floats
 from evcalib.kinematics import BodyVelocities, Mecanum, Omni, Vehicle, WheelStates
 from evcalib.plots import style
+from evcalib.series import VelocitySeries
 
 SECONDS = 0.3
 """A velocity is drawn as the way it goes in this time [s]."""
@@ -162,6 +163,74 @@ def draw_velocity_log(axes: Sequence[Axes], result: BodyVelocities) -> None:
     labels = ("velocity [m/s]", "yaw rate [rad/s]", "slip [m/s]")
     for ax, name in zip(axes, labels, strict=True):
         style.label(ax, "time [s]" if ax is axes[-1] else "", name)
+
+
+def draw_claimed_path(ax: Axes, velocities: VelocitySeries, *, marks: int = 12) -> None:
+    """Draw the path that a log claims, from its start facing up, and how the body faces on it.
+
+    Parameters
+    ----------
+    ax : Axes
+        Where to draw.
+    velocities : VelocitySeries
+        Velocity of the body's origin; without a yaw rate the body is drawn as if it never turned.
+    marks : int
+        At so many places a short line shows where the body's front is.
+    """
+    t, v = velocities.t, velocities.v[:, :2]
+    rate = np.zeros(t.size) if velocities.yaw_rate is None else velocities.yaw_rate
+    yaw = np.append(0.0, np.cumsum(np.diff(t) * (rate[1:] + rate[:-1]) / 2))
+    c, s = np.cos(yaw), np.sin(yaw)
+    world = np.stack([c * v[:, 0] - s * v[:, 1], s * v[:, 0] + c * v[:, 1]], axis=1)
+    steps = np.diff(t)[:, None] * (world[1:] + world[:-1]) / 2
+    path = np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
+    middle = (path.max(axis=0) + path.min(axis=0)) / 2
+    reach = max(0.58 * float(np.ptp(path, axis=0).max()), 0.1)
+    ax.plot(*_on_page(path).T, color=style.BODY, lw=1.6)
+    for k in np.linspace(0, t.size - 1, marks).astype(int):
+        front = np.stack([path[k], path[k] + 0.12 * reach * np.array([c[k], s[k]])])
+        ax.plot(*_on_page(front).T, color=style.MEASURED, lw=2.5, zorder=4)
+        ax.plot(*_on_page(path[k]), "o", color=style.BODY, ms=7 if k == 0 else 3, zorder=5)
+    ax.set(xlim=(middle[1] + reach, middle[1] - reach), ylim=(middle[0] - reach, middle[0] + reach))
+    ax.set_aspect("equal")
+    ax.locator_params(nbins=5)
+    title = f"path of {t[-1] - t[0]:.3g} s from the large dot,\norange: where the front is"
+    style.label(ax, "to the left of the start [m]", "forward of the start [m]", title=title)
+
+
+def motion_figure(
+    velocities: VelocitySeries,
+    vehicle: Vehicle | None = None,
+    states: WheelStates | None = None,
+) -> Figure:
+    """Return a picture by which a person sees signs that no check can: vehicle, arrows and path.
+
+    Parameters
+    ----------
+    velocities : VelocitySeries
+        What came of a log.
+    vehicle : Swerve, Mecanum or Omni, optional
+        The vehicle, if the log is of wheels.
+    states : WheelStates, optional
+        Its wheels; the row that moves fastest is drawn.
+
+    Returns
+    -------
+    Figure
+        One panel, or two with a vehicle.
+    """
+    if vehicle is None or states is None:
+        figure = style.new_figure()
+        draw_claimed_path(figure.subplots(), velocities)
+        return figure
+    figure = style.new_figure((style.WIDE[0] - 1, 4.8))
+    left, right = figure.subplots(1, 2)
+    row = int(np.argmax(np.linalg.norm(vehicle.twist(states).v, axis=1)))
+    draw_motion(left, vehicle, states, row=row)
+    left.set_title(f"row {row + 1} of the log,\nits fastest", loc="left")
+    draw_claimed_path(right, velocities)
+    explain_motion(figure)
+    return figure
 
 
 def draw_speed_error(ax: Axes, rates: NDArray, errors: Mapping[str, NDArray]) -> None:

@@ -9,20 +9,15 @@ import numpy as np
 from evcalib.alignment import Calibration
 from evcalib.arrays import Floats
 from evcalib.geometry import (
-    LOOKS_FORWARD,
+    camera_looks,
     matrix_to_quaternion,
     matrix_to_rpy,
+    mounting,
     rotation_angle,
 )
 from evcalib.pipeline import CalibrationRun
 
 Row = tuple[str, str, str]
-
-STEEP = 80.0
-"""Above this elevation [deg] left and right of an optical axis say little.
-
-A choice: here an error of the axis of 1 deg moves its azimuth by 1 / cos(80 deg) = 6 deg.
-"""
 
 FEW_HEADINGS = 0.7
 """Share of windows with a heading below which the report points it out.
@@ -181,11 +176,6 @@ def evidence(calibration: Calibration) -> list[Row]:
     ]
 
 
-def mounting(R_body_cam: Floats) -> Floats:
-    """Return roll, pitch, yaw [deg] against a camera that looks straight ahead, level."""
-    return np.degrees(matrix_to_rpy(R_body_cam @ LOOKS_FORWARD.T))
-
-
 def degrees(radians: float) -> str:
     """Return an uncertainty [deg] as text, at most half a turn."""
     return f"{min(math.degrees(radians), 180.0):.2f}"
@@ -210,36 +200,10 @@ def _offset_sentence(calibration: Calibration) -> str:
 def _rotation_sentence(calibration: Calibration) -> str:
     if not calibration.rotation_observable:
         return "The rotation below is only the best of many that the data cannot tell apart."
-    ahead = calibration.R_body_cam[:, 2]
-    left = math.degrees(math.atan2(ahead[1], ahead[0]))
-    up = math.degrees(math.asin(float(np.clip(ahead[2], -1.0, 1.0))))
-    if abs(up) > STEEP:
-        looks = "upwards" if up > 0 else "downwards"
-    else:
-        roll = float(mounting(calibration.R_body_cam)[0])
-        looks = ", ".join(
-            (
-                _side("{} deg to the left", "{} deg to the right", "straight ahead", left),
-                _side("{} deg up", "{} deg down", "level", up),
-                _side(
-                    "rolled by {} deg to its right",
-                    "rolled by {} deg to its left",
-                    "not rolled",
-                    roll,
-                ),
-            )
-        )
     return (
-        f"The camera looks {looks}. With 95 % probability this rotation is off by less than"
-        f" {degrees(calibration.rotation_radius)} deg."
+        f"The camera looks {camera_looks(calibration.R_body_cam)}. With 95 % probability this"
+        f" rotation is off by less than {degrees(calibration.rotation_radius)} deg."
     )
-
-
-def _side(positive: str, negative: str, zero: str, angle: float) -> str:
-    """Put an angle [deg] into the phrase for its sign."""
-    if abs(angle) < 0.05:
-        return zero
-    return (positive if angle > 0 else negative).format(f"{abs(angle):.1f}")
 
 
 def _listed(values: Floats, digits: int) -> str:
