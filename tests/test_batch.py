@@ -219,6 +219,7 @@ def test_every_option_of_calibrate_may_stand_in_a_list(tmp_path):
             "columns": {"t": {"column": "ms", "unit": "ms"}},
             "topic": "/odom",
         },
+        **{"clock_shift": -3600, "twist_frame": "ground", "motion_time_unit": "ms"},
         **{"wheel_radius": 0.1, "time_unit": "us", "format": "text", "disorder": "sort"},
         **{"stream": "1", "surface": "ts", "rate": 30, "seed": 7, "size": "8x5"},
     }
@@ -232,7 +233,8 @@ def test_every_option_of_calibrate_may_stand_in_a_list(tmp_path):
     assert not run_batch(path, folder=tmp_path / "out", calibrate=calibrate).failures
     (given,) = seen
     assert given["reading"] == {k: entry[k] for k in ("time_unit", "format", "disorder", "stream")}
-    assert given["motion"] == {k: entry[k] for k in ("columns", "topic", "wheel_radius")}
+    motion = ("columns", "topic", "wheel_radius", "clock_shift", "twist_frame")
+    assert given["motion"] == {**{k: entry[k] for k in motion}, "time_unit": "ms"}
     assert (given["camera_position"], given["size"]) == ((0.3, 0, 0.8), (8, 5))
     same = ("offset", "refinement", "max_slip", "max_yaw_rate", "surface", "rate", "seed")
     assert {key: given[key] for key in same} == {key: entry[key] for key in same}

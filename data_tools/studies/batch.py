@@ -168,7 +168,7 @@ def trial(
         if name in given:
             given[name] = tuple(given[name])
     for group, names in (("reading", READING_OPTIONS), ("motion", MOTION_OPTIONS)):
-        options = {name: given.pop(name) for name in names if name in given}
+        options = {new: given.pop(name) for name, new in names.items() if name in given}
         if options:
             given[group] = options
     found = calibrate(**given, output=Path(folder) / parameters["name"])

@@ -41,9 +41,12 @@ Entry = dict[str, Any]
 MOTION = ("wheels", "vehicle", "velocities")
 """Keys that say how the body moved."""
 
-READING_OPTIONS = ("time_unit", "format", "disorder", "stream")
-MOTION_OPTIONS = ("columns", "topic", "wheel_radius")
-"""Keys that are options of reading the events, and of reading the motion."""
+READING_OPTIONS = {name: name for name in ("time_unit", "format", "disorder", "stream")}
+MOTION_OPTIONS = {
+    **{name: name for name in ("columns", "topic", "wheel_radius", "clock_shift", "twist_frame")},
+    "motion_time_unit": "time_unit",
+}
+"""Keys that are options of reading the events, and of reading the motion, and their names there."""
 
 NAME = re.compile(r"[\w][\w .+-]*")
 
@@ -134,6 +137,9 @@ KEYS: dict[str, Callable[[Any, Path], Any]] = {
     "max_yaw_rate": _number(0, "a rate in rad/s, not negative"),
     "columns": _columns,
     "topic": _word,
+    "motion_time_unit": _one_of("s", "ms", "us", "ns"),
+    "clock_shift": _number(-math.inf, "a number of seconds"),
+    "twist_frame": _one_of("body", "ground"),
     "wheel_radius": _number(0, "a positive number of metres", above=True),
     "time_unit": _one_of("s", "ms", "us", "ns"),
     "format": _word,
