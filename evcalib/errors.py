@@ -7,3 +7,7 @@ class EvcalibError(Exception):
 
 class InputError(EvcalibError, ValueError):
     """The input is unusable; the message says what, where, and what to do about it."""
+
+
+class NoAnswerError(InputError):
+    """The input is sound, but holds too little to answer; on the command line exit code 3."""

@@ -15,7 +15,7 @@ import typer
 # Importing them adds their commands, in this order.
 from data_tools.cli import _calibrate, _files, _lab, _studies  # noqa: F401
 from data_tools.cli._options import BAD_INPUT, INTERRUPTED, NO_ANSWER, Interrupted, app
-from evcalib.errors import EvcalibError
+from evcalib.errors import EvcalibError, NoAnswerError
 
 __all__ = ["BAD_INPUT", "NO_ANSWER", "app", "main"]
 
@@ -36,6 +36,8 @@ def main() -> None:
         code = app(sys.argv[1:] or ["--help"], standalone_mode=False)
     except UsageError as error:
         _fail(f"{error.format_message()} (see evcalib --help)")
+    except NoAnswerError as error:
+        _fail(str(error), NO_ANSWER)
     except EvcalibError as error:
         _fail(str(error))
     except Interrupted as stop:
@@ -52,6 +54,6 @@ def _warn(message: Any, category: type[Warning], *args: Any, **kwargs: Any) -> N
         _SHOW(message, category, *args, **kwargs)
 
 
-def _fail(message: str) -> None:
+def _fail(message: str, code: int = BAD_INPUT) -> None:
     print(f"evcalib: {message}", file=sys.stderr)
-    sys.exit(BAD_INPUT)
+    sys.exit(code)

@@ -52,6 +52,7 @@ def summary_dict(calibration: Calibration) -> dict[str, Any]:
     """Return the content of ``calibration.yaml``, of plain Python values."""
     diagnostics = calibration.diagnostics
     unknown = calibration.unknown_axis
+    joint = getattr(calibration, "joint", None)
     return {
         "R_body_cam": [[float(x) for x in row] for row in calibration.R_body_cam],
         "offset_s": float(calibration.offset),
@@ -66,6 +67,8 @@ def summary_dict(calibration: Calibration) -> dict[str, Any]:
         "rotation_observable": bool(calibration.rotation_observable),
         "unknown_axis": None if unknown is None else [float(x) for x in unknown],
         "verdict": str(calibration.verdict),
+        "doubts": list(calibration.verdict.doubts),
+        "converged": joint is None or bool(joint.converged),
         "inlier_share": float(calibration.inlier_share),
         "headings_used": len(calibration.residuals.t),
         "diagnostics": {

@@ -194,15 +194,18 @@ def keep(
     aligned: Calibration, joint: JointRefinement, headings: HeadingSeries
 ) -> RefinedCalibration:
     """Take the rotation of a refinement at the alignment's offset; what is unknown stays so."""
-    covariance = aligned.rotation_covariance
+    covariance, samples = aligned.rotation_covariance, aligned.diagnostics.independent_headings
     if np.trace(joint.covariance[:3, :3]) > np.trace(covariance):
-        covariance = joint.covariance[:3, :3]
+        covariance, samples = joint.covariance[:3, :3], joint.samples
+    rotation = RotationAnswer(joint.R_body_cam, covariance, samples)
     return RefinedCalibration.after(
         aligned,
         R_body_cam=joint.R_body_cam,
         rotation_covariance=covariance,
         rotation_sd=rotation_sd(covariance),
+        rotation_radius=rotation.radius,
         residuals=_residuals(aligned.residuals, headings, joint.R_body_cam),
+        verdict=_doubted(aligned.verdict, doubts_of(joint, headings)),
         joint=joint,
     )
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import asdict, replace
@@ -12,9 +13,9 @@ from typing import Any
 import numpy as np
 
 from evcalib import checks
-from evcalib.alignment import Calibration, align
+from evcalib.alignment import Calibration, align, enough
 from evcalib.camera import Camera
-from evcalib.errors import InputError
+from evcalib.errors import InputError, NoAnswerError
 from evcalib.events import Events
 from evcalib.heading import HeadingEstimate, estimate_headings
 from evcalib.joint import SYSTEMATIC, Systematic, refine_jointly
@@ -89,8 +90,9 @@ def calibrate(
     Raises
     ------
     InputError
-        If an input is of another type or unusable, there are too few headings, or the two clocks do
-        not overlap.
+        If an input is of another type or unusable, or the two clocks do not overlap.
+    NoAnswerError
+        If there are too few headings; it tells why most windows have none.
 
     Notes
     -----
@@ -194,6 +196,7 @@ def calibrate_estimate(
     RefinedCalibration
         Also where the motion cannot answer: then it says what is unknown.
     """
+    _answerable(estimate)
     shared, velocities = velocities.direction_sd, replace(velocities, direction_sd=0.0)
     with stage("alignment"):
         aligned = align(
@@ -204,6 +207,18 @@ def calibrate_estimate(
     with stage("refinement"):
         final = _refined(aligned, estimate, velocities, focal, max_offset, systematic, lever)
     return final.widened(shared)
+
+
+def _answerable(estimate: HeadingEstimate) -> None:
+    """Refuse too few headings, with the reasons of the windows that have none."""
+    try:
+        enough(estimate.headings)
+    except InputError as error:
+        counts = Counter(gap.reason for gap in estimate.gaps).most_common(3)
+        why = "; ".join(f"{reason} ({count} windows)" for reason, count in counts)
+        raise NoAnswerError(
+            f"{error}" + (f". Most windows have none: {why}" if why else "")
+        ) from None
 
 
 def _refined(
