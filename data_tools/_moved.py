@@ -7,7 +7,7 @@ MOVED = {
     "data_tools.batch": "data_tools.studies.batch",
     "data_tools.batch_list": "data_tools.studies.batch_list",
     "data_tools.calibrate_files": "data_tools.runs.calibrate",
-    "data_tools.camera_files": "data_tools.logs.camera_files",
+    "data_tools.camera_files": "data_tools.logs.camera_files data_tools.logs.cameras._content",
     "data_tools.clock_map": "data_tools.bags.clock_map",
     "data_tools.column_maps": "data_tools.logs.column_maps",
     "data_tools.convert": "data_tools.recordings.convert",

@@ -87,6 +87,7 @@ RENAMED = {
     "evcalib.widgets.cockpit.Recording": "SolvedStreams",
     "evcalib.widgets.heading.Recording": "KnownMotion",
     "evcalib.widgets.surfaces.Recording": "EventsAndFrames",
+    "data_tools.logs.cameras._content.LARGEST_CALIB_TXT": "LARGEST",
     "data_tools.simulation.point_matches.Matched": "Matches",
     "evcalib.heading._matches.Pairs": "Matches",
     "evcalib.kernels.features.event_image.align": "align_patches",

@@ -19,7 +19,10 @@ A choice: no wheeled vehicle of ours is as fast, and mm/s of one that walks are 
 """
 
 MAX_YAW_RATE = 4 * np.pi
-"""Yaw rates above two turns per second [rad/s] are taken for degrees."""
+"""Yaw rates above two turns per second [rad/s] are taken for degrees.
+
+A choice: no vehicle of ours turns as fast, and 13 deg/s told as they are do.
+"""
 
 QUARTER, MOST_HOURS = 900.0, 26.0
 """Time zones are multiples of this [s], and the clocks of two at most so many hours apart."""

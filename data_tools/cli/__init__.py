@@ -1,4 +1,4 @@
-"""The command line, thin over the library; the one part of evcalib that knows files.
+"""The command line, thin over both packages.
 
 Exit codes: 0 the rotation is determined; 2 bad input; 3 the motion cannot answer; 130 Ctrl-C.
 """

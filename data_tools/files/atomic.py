@@ -163,12 +163,12 @@ def write_file(path: Path, writer: Writer) -> None:
     """
     if os.path.isdir(path) or not path.name:
         raise InputError(f"cannot write {path}: it is a folder, not a file")
-    with _refusing(path), replacing(path) as part:
+    with refusing(path), replacing(path) as part:
         writer(part)
 
 
 @contextlib.contextmanager
-def _refusing(path: Path) -> Iterator[None]:
+def refusing(path: Path) -> Iterator[None]:
     """Turn errors of the system into errors of the input."""
     try:
         yield

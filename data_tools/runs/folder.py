@@ -21,7 +21,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
-from data_tools.files.atomic import PART
+from data_tools.files.atomic import PART, Writer, refusing, write_file
 from data_tools.logs.series_files import write_headings, write_velocities
 from data_tools.runs.export import write_calibration
 from evcalib.errors import EvcalibError, InputError
@@ -32,7 +32,6 @@ except ImportError:  # pragma: no cover  (not on Windows)
     fcntl = None  # type: ignore[assignment]
 if TYPE_CHECKING:
     from evcalib.pipeline import CalibrationRun
-from data_tools.files.atomic import Writer, _refusing, write_file
 
 MARKER = "INCOMPLETE"
 
@@ -223,21 +222,21 @@ class RunFolder:
 
     def _clear(self) -> None:
         """Remove what an earlier run left, its calibration first."""
-        with _refusing(self.path):
+        with refusing(self.path):
             parts = [path.name for path in self.path.iterdir() if path.name.endswith(PART)]
         for name in (*reversed(NAMES), *filter(_is_ours, parts)):
             path = self.path / name
-            with _refusing(path):
+            with refusing(path):
                 path.unlink(missing_ok=True)
 
     def _finish(self) -> None:
         for name in LAST:
             if name in self._waiting:
                 path = self.path / name
-                with _refusing(path):
+                with refusing(path):
                     self._waiting[name].replace(path)
                 del self._waiting[name]
-        with _refusing(self.path / MARKER):
+        with refusing(self.path / MARKER):
             (self.path / MARKER).unlink(missing_ok=True)
 
     def _give_up(self, error: BaseException) -> None:
@@ -264,7 +263,7 @@ class RunFolder:
 def _write_part(path: Path, writer: Writer) -> Path:
     """Write beside the final name, down to the disk, and return where."""
     part = path.with_name(path.name + PART)
-    with _refusing(path), _removing(part):
+    with refusing(path), _removing(part):
         writer(part)
         with open(part, "rb+") as file:
             os.fsync(file.fileno())

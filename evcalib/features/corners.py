@@ -14,7 +14,8 @@ from evcalib.kernels.features import corners as kernels
 from evcalib.surfaces import Tos
 
 FILTER_US = 50_000
-"""An event of the same polarity within this time [us] of the last is an echo of it."""
+"""An event of the same polarity within this time [us] of the last is an echo of it.  The
+authors' choice (Alzugaray & Chli 2018)."""
 
 
 class ArcStar:

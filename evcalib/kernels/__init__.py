@@ -1,1 +1,1 @@
-"""Jitted loops that know arrays only; the modules of the same names above check and convert."""
+"""Jitted loops that know arrays only; the steps of the same names check and convert."""

@@ -5,9 +5,7 @@ import numpy as np
 from evcalib.kernels.jit import jit
 
 _MIX = np.uint64(0x9E3779B97F4A7C15)
-
 _MIX_A = np.uint64(0xBF58476D1CE4E5B9)
-
 _MIX_B = np.uint64(0x94D049BB133111EB)
 
 

@@ -38,14 +38,20 @@ MODULES = {
     "evcalib/kinematics/velocity_track.py": ("test_track", "test_offset"),
     "evcalib/joint/tracks.py": ("test_tracks", "test_joint"),
     "evcalib/uncertainty/_covariance.py": ("test_uncertainty", "test_align"),
+    "evcalib/uncertainty/_noise.py": ("test_uncertainty", "test_track", "test_observability"),
+    "evcalib/uncertainty/_peak.py": ("test_uncertainty", "test_offset"),
     "evcalib/alignment/observability.py": ("test_observability", "test_align"),
     "evcalib/alignment/offset_refinement.py": ("test_offset", "test_uncertainty", "test_align"),
     "evcalib/alignment/_bootstrap.py": ("test_uncertainty", "test_align"),
     "evcalib/alignment/registration.py": ("test_align", "test_silently_wrong"),
     "evcalib/alignment/_align.py": ("test_align", "test_observability", "test_silently_wrong"),
+    "evcalib/alignment/_answers.py": ("test_align", "test_observability", "test_silently_wrong"),
+    "evcalib/alignment/_evidence.py": ("test_align", "test_observability", "test_silently_wrong"),
+    "evcalib/alignment/_stream_pair.py": ("test_offset", "test_align"),
     "evcalib/alignment/verdict.py": ("test_align", "test_observability", "test_silently_wrong"),
     "evcalib/joint/_refine.py": JOINT,
     "evcalib/joint/_solver.py": JOINT,
+    "evcalib/joint/_world_motion.py": JOINT,
     "evcalib/joint/_offset_search.py": JOINT,
     "evcalib/pipeline/_assessment.py": JOINT,
     "evcalib/kernels/alignment/offset.py": ("test_offset",),
@@ -263,9 +269,9 @@ def tried(mutant: Mutant, copy: Path) -> str:
 
 def _forget_kernels(copy: Path, module: str) -> None:
     """Remove compiled kernels that inline this module: the cache does not notice its change."""
-    name = Path(module).stem
-    for user in (copy / "evcalib" / "kernels").glob("*.py"):
-        if f"kernels.{name} import" in user.read_text() or user.stem == name:
+    name = module.removesuffix(".py").replace("/", ".")
+    for user in (copy / "evcalib" / "kernels").rglob("*.py"):
+        if f"{name} import" in user.read_text() or user == copy / module:
             for path in (user.parent / "__pycache__").glob(f"{user.stem}.*.nb[ic]"):
                 path.unlink()
 

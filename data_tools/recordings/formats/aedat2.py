@@ -58,7 +58,8 @@ def open(path: Path, options: Options) -> Source:
             x, y, t, p = (_dvs128 if dvs else _davis)(words.reshape(-1, 2).astype(np.int64))
             x, y = width - 1 - x, height - 1 - y
             keep = (x >= 0) & (y >= 0)
-            losses["events outside the sensor"] += int(np.count_nonzero(~keep))
+            if not keep.all():
+                losses["events outside the sensor"] += int(np.count_nonzero(~keep))
             xs, ys = x[keep].astype(np.uint16), y[keep].astype(np.uint16)
             yield Columns(xs, ys, clock(t[keep]), p[keep])
             rest = len(block) % RECORD_BYTES
