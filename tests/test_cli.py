@@ -365,6 +365,46 @@ def test_a_pipe_that_nobody_writes_into_and_a_device_are_refused(run, tmp_path, 
             read(tmp_path / "empty")
 
 
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no named pipes here")
+def test_notes_of_what_came_out_of_a_pipe_name_the_pipe(run, tmp_path):
+    write_drive(tmp_path, s_curve(10))
+    text = (tmp_path / "v.csv").read_text().replace(",", ";").encode()
+    code, out, _ = run("velocities", piped(text, tmp_path / "v"), "-o", tmp_path / "o.csv")
+    assert code == 0
+    assert "separated by semicolons" in out
+    code, out, _ = run("align", tmp_path / "h.csv", piped(text, tmp_path / "w"))
+    assert code == 0
+    assert f"{tmp_path / 'w'}: columns are separated by semicolons" in out.splitlines()
+
+
+def test_nothing_is_written_over_what_is_read_or_written(run, tmp_path):
+    write_drive(tmp_path, s_curve(10))
+    log = tmp_path / "v.csv"
+    before = log.read_bytes()
+    (tmp_path / "link.csv").symlink_to(log)
+    for output in (log, tmp_path / "link.csv"):
+        code, _, err = run("velocities", log, "-o", output)
+        assert code == 2
+        assert f"{output} is also read as wheels: give another name" in one_line(err)
+    one = tmp_path / "one"
+    code, _, err = run("velocities", log, "-o", one, "--plot", one)
+    assert code == 2
+    assert f"{one} is also written by plot" in one_line(err)
+    assert log.read_bytes() == before
+    assert not one.exists()
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/stdout"), reason="no such device here")
+def test_a_plot_on_standard_output_is_alone_there(tmp_path):
+    write_drive(tmp_path, s_curve(10))
+    words = [sys.executable, "-m", "evcalib", "velocities", tmp_path / "v.csv"]
+    words += ["-o", tmp_path / "o.csv", "--plot", "/dev/stdout"]
+    done = subprocess.run(words, capture_output=True, check=True)
+    assert done.stdout.startswith(b"\x89PNG")
+    assert done.stdout.endswith(b"IEND\xaeB`\x82")
+    assert b"rows written" in done.stderr
+
+
 def test_what_the_code_page_lacks_is_written_otherwise_and_is_no_failure(tmp_path):
     folder = tmp_path / "日本"
     folder.mkdir()

@@ -66,7 +66,7 @@ def test_frames_that_cannot_be_told_apart_are_no_contradiction():
     assert notes == []
 
 
-@pytest.mark.parametrize("frame", ["map", "odom", "robot1/odom", "/world"])
+@pytest.mark.parametrize("frame", ["map", "odom", "robot1/odom", "/world", "local_origin"])
 def test_a_stamped_twist_of_the_ground_is_refused(frame):
     with pytest.raises(InputError, match="the frame of the ground, and it has no pose to turn it"):
         in_body(Twists(T, GROUND, RATE, frame))
@@ -103,6 +103,13 @@ def test_other_contradictions_are_refused_or_told():
 def test_yaw_rates_are_held_against_the_pose():
     with pytest.raises(InputError, match="57 times that of its pose: degrees per second"):
         in_body(twists(yaw_rate=np.degrees(RATE)))
+    body, _, place, turn, rate = drive(turn=0.08)  # too little to judge a pose by, but by its form
+    slow = {"position": place, "quaternion": turn}
+    with pytest.raises(InputError, match="degrees per second in place of radians"):
+        in_body(twists(body, yaw_rate=np.degrees(rate), **slow))
+    assert in_body(twists(body, yaw_rate=rate, **slow))[2] == []
+    noise = np.random.default_rng(2).normal(0, 1, T.size)
+    assert in_body(twists(body, yaw_rate=noise, **slow))[2] == []
     _, rate, notes = in_body(twists(yaw_rate=0 * RATE))
     assert rate is None
     assert "taken to be unknown" in notes[0]

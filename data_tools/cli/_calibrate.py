@@ -230,9 +230,9 @@ def velocities(
 
         picture = png(motion_figure(source.velocities, source.vehicle, source.states))
         write_file(plot, lambda path: path.write_bytes(picture))
-    common.tell(f"{len(source.velocities)} rows written to {output}", output)
+    common.tell(f"{len(source.velocities)} rows written to {output}", output, plot)
     for line in source.notes:
-        common.tell(line, output)
+        common.tell(line, output, plot)
 
 
 @app.command()
@@ -245,8 +245,10 @@ def align(
         typer.Argument(help="Velocities (CSV or ROS bag).", metavar="[VELOCITIES.csv]"),
     ] = None,
     columns: Columns = None,
+    topic: Topic = None,
     motion_time_unit: MotionTimeUnit = None,
     clock_shift: ClockShift = 0.0,
+    twist_frame: TwistFrame = None,
     max_offset: common.MaxOffset = 1.0,
     offset_method: Annotated[
         str, typer.Option(help="profile, trace, canonical, scalar or none.")
@@ -274,9 +276,11 @@ def align(
         headings,
         velocities,
         columns=columns,
+        topic=topic,
         time_unit=motion_time_unit,
         clock_shift=clock_shift,
-        notes=None if as_json else print,
+        twist_frame=twist_frame,
+        notes=None if as_json else common.tell,
     )
     calibration = run(
         camera,
@@ -301,7 +305,7 @@ def streams(
     headings: Path,
     velocities: Path | None,
     *,
-    notes: Callable[[str], object] | None = print,
+    notes: Callable[[str], object] | None = common.tell,
     **motion: Any,
 ) -> tuple[HeadingSeries, VelocitySeries, float]:
     """Read both streams of an alignment, and how long rows hold beyond gaps [s].

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shlex
 import sys
 import tempfile
@@ -13,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from evcalib.errors import EvcalibError
+from evcalib.errors import EvcalibError, InputError
 
 if TYPE_CHECKING:
     from evcalib.alignment import Calibration
@@ -27,6 +28,11 @@ INPUTS = (
     *("trajectory", "calibration", "recordings"),
 )
 """Parameters of commands that are files to read."""
+OUTPUTS = ("output", "target", "plot")
+"""Parameters of commands that are files to write."""
+
+_COPIES: dict[str, str] = {}
+"""Copies of what came out of pipes, and the pipes."""
 
 
 class Interrupted(Exception):
@@ -45,11 +51,11 @@ class _Command(TyperCommand):
     """A command that may be given pipes, like ``<(...)``, for the files that it reads."""
 
     def invoke(self, ctx: Any) -> Any:
-        """Run it on copies of what comes out of the pipes; errors name what was given."""
+        """Run it on copies of what comes out of the pipes; messages name what was given."""
         from data_tools.files.pipes import copy_pipe, is_pipe, refuse_pipe
 
-        copies: dict[str, str] = {}
         with ExitStack() as stack:
+            stack.callback(_COPIES.clear)
             for name, given in ctx.params.items():
                 if name not in INPUTS or given is None:
                     continue
@@ -60,16 +66,38 @@ class _Command(TyperCommand):
                 copy = Path(home) / Path(given).name
                 copy_pipe(given, copy)
                 ctx.params[name] = type(given)(copy)
-                copies[str(copy)] = str(given)
+                _COPIES[str(copy)] = str(given)
+            _refuse_loss(ctx.params)
             try:
                 return super().invoke(ctx)
             except EvcalibError as error:
-                if not copies:
+                if not _COPIES:
                     raise
-                text = str(error)
-                for copy_name, pipe in copies.items():
-                    text = text.replace(copy_name, pipe)
-                raise type(error)(text) from None
+                raise type(error)(as_given(str(error))) from None
+
+
+def as_given(text: str) -> str:
+    """Return a text with the names of pipes in place of those of their copies."""
+    for copy, pipe in _COPIES.items():
+        text = text.replace(copy, pipe)
+    return text
+
+
+def _refuse_loss(parameters: dict[str, Any]) -> None:
+    """Refuse to write over a file that is read, or that is written as well."""
+    taken = {key: parameters.get(key) for key in (*INPUTS, *OUTPUTS) if parameters.get(key)}
+    for key in OUTPUTS:
+        for other, path in taken.items():
+            if other == key or key not in taken or not _one_file(taken[key], path):
+                continue
+            what = "written by" if other in OUTPUTS else "read as"
+            raise InputError(f"{taken[key]} is also {what} {other}: give another name to write to")
+
+
+def _one_file(one: Path, other: Path) -> bool:
+    if os.path.isfile(one) and os.path.isfile(other):
+        return os.path.samefile(one, other)
+    return not os.path.exists(one) and os.path.abspath(one) == os.path.abspath(other)
 
 
 class _App(typer.Typer):
@@ -126,11 +154,12 @@ def command_line() -> str:
     return shlex.join(["evcalib", *sys.argv[1:]])
 
 
-def tell(text: str, output: Path) -> None:
-    """Print what was done; on standard error, where the output itself goes to standard output."""
+def tell(text: str, *outputs: Path | None) -> None:
+    """Print what was done; on standard error, where an output itself goes to standard output."""
     from data_tools.files.atomic import is_output
 
-    print(text, file=sys.stderr if is_output(output) else sys.stdout)
+    taken = any(path is not None and is_output(path) for path in outputs)
+    print(as_given(text), file=sys.stderr if taken else sys.stdout)
 
 
 def note(text: str) -> None:

@@ -18,8 +18,12 @@ from evcalib import checks
 from evcalib.arrays import Floats
 from evcalib.errors import InputError
 
-GROUND = {"map", "odom", "odom_combined", "world", "earth", "utm", "enu", "global", "local"}
-"""Last words of names of frames that stand still (REP 105 and common drivers)."""
+GROUND = {
+    *("map", "odom", "odom_combined", "world", "earth", "utm", "enu", "global", "local"),
+    *("local_origin", "local_enu", "map_ned", "odom_ned", "local_origin_ned", "camera_init"),
+    "mocap",
+}
+"""Last words of names of frames that stand still (REP 105, MAVROS and other common drivers)."""
 TWIST_FRAMES = ("body", "ground")
 
 WINDOW = 0.5
@@ -29,6 +33,10 @@ WARN, REFUSE = 1 / 10, 1 / 3
 the same as for the slip of wheels, see `evcalib.kinematics.body_velocities`."""
 CLEARLY = 0.5
 """A reading holds if it misses the pose by less than this share of what the other one misses."""
+
+ALIKE = 0.9
+"""Correlation of two yaws over which a factor between them is one of units: a choice, that noise
+of a pose which does not turn along cannot reach."""
 
 _GIVE = "or say which it is (--twist-frame body, or ground)"
 
@@ -237,17 +245,19 @@ def _notes(chosen: str, declared: str, found: _Comparison) -> list[str]:
 def _yaw_rate(twists: Twists, found: _Comparison) -> tuple[Floats | None, list[str]]:
     """Hold the yaw rate against the yaw of the pose."""
     turned, told = found.yaw
-    if twists.yaw_rate is None or turned.size == 0 or np.abs(turned).max() < 0.1:
+    if twists.yaw_rate is None or not turned.any():
         return twists.yaw_rate, []
-    if not np.any(twists.yaw_rate):
-        return None, ["all yaw rates are zero while the pose turns: they are taken to be unknown"]
     ratio = float(turned @ told / (turned @ turned))
-    if 40 < abs(ratio) < 80:
+    alike = abs(turned @ told) > ALIKE * np.linalg.norm(turned) * np.linalg.norm(told)
+    turns = np.abs(turned).max() >= 0.1
+    if turns and not told.any():
+        return None, ["all yaw rates are zero while the pose turns: they are taken to be unknown"]
+    if (turns or alike) and 40 < abs(ratio) < 80:
         raise InputError(
             f"its yaw rate is {ratio:.0f} times that of its pose: degrees per second in place of"
             " radians per second; mend the driver, or take another topic"
         )
-    if abs(ratio - 1) > REFUSE:
+    if turns and abs(ratio - 1) > REFUSE:
         return twists.yaw_rate, [
             f"the yaw rate is {ratio:.2f} times that of the pose; look at the odometry"
         ]
