@@ -125,8 +125,11 @@ def test_velocities_stand_in_for_the_wheels(run, sweep, calibrated, tmp_path):
     wheels = sweep.folder / "wheels.csv"
     vehicle = ("--vehicle", sweep.folder / "vehicle.yaml")
     assert run("velocities", wheels, *vehicle, "-o", sweep.folder / "v.csv")[0] == 0
+    text = (sweep.folder / "v.csv").read_text()
+    (sweep.folder / "v.csv").write_text(text.replace(",", ";"))
     words = sweep.words(wheels=None, vehicle=None, velocities="v.csv")
     code, out, _ = run(*words, "-o", tmp_path / "o", "--json")
+    assert "columns are separated by semicolons" in (tmp_path / "o" / "report.html").read_text()
     found = json.loads(out)
     assert code == 0
     assert found["offset_s"] == pytest.approx(printed["offset_s"], abs=1e-6)

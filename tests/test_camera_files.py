@@ -444,6 +444,17 @@ def test_sizes_come_from_the_file_or_the_caller(write, tmp_path):
     assert read_camera_file(write(CAMCHAIN + SECOND)).size("cam1") == (640, 480)
 
 
+@pytest.mark.parametrize("focal", ["0.83", "0.004", "23.9", "24001"])
+def test_focal_lengths_in_another_unit_are_refused(write, focal):
+    with pytest.raises(InputError, match=f"focal length of {focal} pixels .*not in mm, or as a sh"):
+        read_camera(write(f"{focal} {focal} 120 90\n"), 240, 180)
+
+
+def test_a_name_is_not_asked_for_where_none_fits(write):
+    with pytest.raises(InputError, match=r"no camera for 346x260 px: .*; is it the right file\?$"):
+        read_camera_file(write(CAMCHAIN + SECOND)).choose(346, 260)
+
+
 def test_what_may_be_wrong_with_a_camera_is_told(write):
     half = CAMCHAIN.replace("132.0, 110.5", "60.0, 45.0")
     camera, notes = read_camera_file(write(half)).choose(240, 180)

@@ -93,7 +93,22 @@ def test_what_cannot_be_read_is_refused_for_the_true_reason(tmp_path, content, w
         list(open_recording(tmp_path / "e", size=SIZE))
 
 
-@pytest.mark.parametrize("end", ["txt", "txt.gz", "csv"])
+def test_a_table_whose_header_or_commas_mislead_is_told_what_is_wrong(tmp_path):
+    path = tmp_path / "e.csv"
+    path.write_bytes(text(["t|x|y|p", *rows(separator="|")]))
+    with pytest.raises(InputError, match=r"its first line must name .* not 't\|x\|y\|p'"):
+        open_recording(path, size=SIZE)
+    path.write_bytes(text(["stamp,x,y,p", *rows(separator=",")]))
+    with pytest.raises(InputError, match=r"must name the columns x, y, t and p.*'stamp,x,y,p'"):
+        open_recording(path, size=SIZE)
+    path.write_bytes(text(["t,x,y,p", *rows(separator=",", t=COMMA)]))
+    with pytest.raises(InputError, match="first row has 5 values: decimal commas between commas"):
+        open_recording(path, size=SIZE)
+    path.write_bytes(text(["t,x,y,p", *(row + "," for row in rows(separator=","))]))
+    assert sum(map(len, open_recording(path, size=SIZE))) == 500
+
+
+@pytest.mark.parametrize("end", [".csv", ".txt"])
 def test_what_convert_wrote_is_read_back_as_it_is(tmp_path, end):
     (tmp_path / "e").write_bytes(DIALECTS["plain"])
     recording = open_recording(tmp_path / "e", size=SIZE)

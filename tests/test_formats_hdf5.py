@@ -92,6 +92,18 @@ def test_mvsec_unix_seconds_and_signs_are_read(path):
     assert len(read(path, size=(640, 480), stream="davis/right")[1][0]) == 1
 
 
+def test_a_table_that_is_only_called_events_is_not_of_mvsec(path):
+    rows = np.array([X, Y, T, P]).T
+    with h5py.File(path, "w") as file:
+        file["events"] = rows
+    recording, columns = read(path, size=(640, 480))
+    assert (recording.format, columns) == ("hdf5-table", [X, Y, T, P])
+    with h5py.File(path, "w") as file:
+        file["events"] = rows / [1, 1, 1e6, 1]
+    with pytest.raises(InputError, match=r"say their unit: time_unit='us' \(--time-unit us\)"):
+        open_recording(path, size=(640, 480))
+
+
 def test_seconds_in_columns_need_their_unit(path):
     write_dsec(path, t=np.array(T) / 1e6)
     with pytest.raises(InputError, match="times are float64; say their unit"):

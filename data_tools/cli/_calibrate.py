@@ -132,7 +132,7 @@ def calibrate(
     common.print_calibration(run.calibration, as_json)
     for key, text in run.recording.items():
         if key.startswith("note") and not as_json:
-            print(f"note: {text}")
+            print(common.as_given(f"note: {text}"))
     if not as_json:
         print(f"\nWritten to {output}: calibration.yaml, report.html and the data behind them.")
     common.exit_by(run.calibration)

@@ -85,7 +85,8 @@ def as_given(text: str) -> str:
 
 def _refuse_loss(parameters: dict[str, Any]) -> None:
     """Refuse to write over a file that is read, or that is written as well."""
-    taken = {key: parameters.get(key) for key in (*INPUTS, *OUTPUTS) if parameters.get(key)}
+    keys = (*INPUTS, *OUTPUTS)
+    taken = {key: Path(parameters[key]) for key in keys if parameters.get(key)}
     for key in OUTPUTS:
         for other, path in taken.items():
             if other == key or key not in taken or not _one_file(taken[key], path):

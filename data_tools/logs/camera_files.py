@@ -14,6 +14,9 @@ from data_tools.logs.cameras import Intrinsics, find_cameras, read_content
 from evcalib.camera import Camera
 from evcalib.errors import InputError
 
+FOCAL = (0.1, 100.0)
+"""Focal lengths as shares of the side of the sensor.  A choice: below, a pinhole sees 157 deg, and
+the widest fisheye has 0.2; above, 0.6 deg, and a lens of 50 mm before a DVS128 has 10."""
 OFF_CENTRE = 0.2
 """A principal point farther from the centre than this share of width or height is told.
 
@@ -104,7 +107,8 @@ class CameraFile:
         what = "several cameras" if size is None else f"cameras for {size[0]}x{size[1]} px"
         if not fitting:
             what = what.replace("cameras", "no camera" if size else "cameras, none of use")
-        raise InputError(f"{self.path} has {what}: {self._list()}; say which with --camera-name")
+        way_out = "say which with --camera-name" if fitting or not size else "is it the right file?"
+        raise InputError(f"{self.path} has {what}: {self._list()}; {way_out}")
 
     def _list(self) -> str:
         return ", ".join(
@@ -119,6 +123,12 @@ class CameraFile:
 
     def _notes(self, name: str, camera: Camera, found: Intrinsics) -> tuple[str, ...]:
         notes = [f"{self._where(name)}: {found.note}"] if found.note else []
+        for focal, side in ((camera.fx, camera.width), (camera.fy, camera.height)):
+            if not FOCAL[0] < focal / side < FOCAL[1]:
+                raise InputError(
+                    f"{self._where(name)}: a focal length of {focal:g} pixels does not go with"
+                    f" {side} pixels; is it in pixels (not in mm, or as a share of the width)?"
+                )
         point = f"{self._where(name)}: the principal point ({camera.cx:g}, {camera.cy:g})"
         centre = (camera.cx, (camera.width - 1) / 2, camera.width)
         middle = (camera.cy, (camera.height - 1) / 2, camera.height)

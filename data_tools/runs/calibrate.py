@@ -127,7 +127,7 @@ def run_files(
         files = {"recording": recording, "camera": camera, "motion": source, "vehicle": vehicle}
         run = replace(
             run,
-            recording=_description(events, run),
+            recording=_description(events, run, [f"{source}: {line}" for line in body.notes]),
             losses=dict(events.losses),
             settings={
                 **run.settings,
@@ -172,7 +172,7 @@ def _within_limits(
     return source.limited(max_slip=max_slip, max_yaw_rate=max_yaw_rate)
 
 
-def _description(events: Recording, run: CalibrationRun) -> dict[str, str]:
+def _description(events: Recording, run: CalibrationRun, more: list[str]) -> dict[str, str]:
     counts, rate = run.estimate.counts, run.estimate.event_rate
     described = {
         "format": events.format,
@@ -184,5 +184,6 @@ def _description(events: Recording, run: CalibrationRun) -> dict[str, str]:
         described["to"] = f"{rate.t[-1] + rate.width:.3f} s"
     if events.origin_us:
         described["origin"] = f"{events.origin_us} us, subtracted from all times, also the body's"
-    described.update({f"note {k + 1}": note for k, note in enumerate(events.notes)})
+    notes = [*events.notes, *more]
+    described.update({f"note {k + 1}": note for k, note in enumerate(notes)})
     return described

@@ -14,6 +14,7 @@ sensor, order in time, origin of times, size of pieces) is left to `data_tools.r
 from __future__ import annotations
 
 import codecs
+import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -198,6 +199,13 @@ def find(path: Path, name: str | None) -> Format:
             return module
     if head[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
         raise InputError(f"{path} is text in UTF-16; save it as UTF-8, or as plain text")
+    first = head.lstrip(codecs.BOM_UTF8).decode("utf-8", "replace").strip().split("\n")[0].strip()
+    if first.isprintable() and "\ufffd" not in first and len(re.split(r"[,;|\s]+", first)) > 3:
+        raise InputError(
+            f"{path} is in no format that is known; if it is a table of events, its first line must"
+            " name the columns x, y, t and p, with commas, semicolons, tabs or blanks between"
+            f" them, not {first[:80]!r}"
+        )
     what = "is empty" if path.is_file() and not head else "is in no format that is known"
     raise InputError(f"{path} {what}; known are {', '.join(known())}")
 

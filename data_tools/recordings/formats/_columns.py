@@ -96,7 +96,10 @@ class Converter:
             raise InputError(f"times must be numbers, not {values.dtype}")
         unit = self._units[kind]
         if unit is None:
-            raise InputError(f"times are {values.dtype}; say their unit: time_unit='us' or another")
+            raise InputError(
+                f"times are {values.dtype}; say their unit: time_unit='us' (--time-unit us)"
+                " or another"
+            )
         if kind == "f" and unit in ("us", "ns"):
             values = self._whole_times(values)
         late = values > _LATEST if kind == "u" else np.zeros(0, dtype=np.bool_)

@@ -66,7 +66,9 @@ def _chosen(path: Path, sources: dict[str, str], options: Options) -> str | None
     if options.stream is not None and options.stream not in sources:
         raise InputError(f"{path} has no source {options.stream}, only {told or 'unnamed ones'}")
     if options.stream is None and len(sources) > 1:
-        raise InputError(f"{path} has several sources: say which, stream = one of {told}")
+        raise InputError(
+            f"{path} has several sources: say which, stream (--stream) = one of {told}"
+        )
     return options.stream or next(iter(sources), None)
 
 

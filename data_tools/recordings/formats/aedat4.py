@@ -69,7 +69,9 @@ def _chosen(path: Path, numbers: list[int], options: Options) -> int:
             raise InputError(f"{path} has no stream of events {options.stream}, only {told}")
         return int(options.stream)
     if len(numbers) > 1:
-        raise InputError(f"{path} has several streams of events: say which, stream = one of {told}")
+        raise InputError(
+            f"{path} has several streams of events: say which, stream (--stream) = one of {told}"
+        )
     return numbers[0]
 
 

@@ -173,6 +173,12 @@ def _read_head(path: Path, member: str | None, order: str | None) -> _Head:
             raise InputError(f"{path} has no header that names the columns x, y, t, p")
         row, names, delimiter = found
         rows = [line for line in lines[row + 1 :] if _is_data(line)]
+        cells = rows[0].rstrip(", \t").split(",") if rows and delimiter == "," else names
+        if len(cells) > len(names):
+            raise InputError(
+                f"{path}: the header names {len(names)} columns, and the first row has {len(cells)}"
+                " values: decimal commas between commas? write it anew with semicolons or points"
+            )
         comma = delimiter != "," and bool(rows) and bool(_DECIMAL_COMMA.search(rows[0]))
     else:
         row, names = -1, list(order)

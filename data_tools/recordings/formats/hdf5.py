@@ -20,6 +20,7 @@ events, `stream` names one.  A file that declares far more data than it can hold
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -56,6 +57,9 @@ _DAMAGE = (
 
 _IN_USE = ("unable to lock file", "already open for write", "already open for SWMR")
 """What HDF5 says of a file that is sound, but locked or marked as being written."""
+
+_MVSEC = re.compile(r"(^|/)davis/(left|right)/events$")
+"""Only there are times known to be seconds; other tables may have any unit and order."""
 
 _TOLD = ("width", "height", "geometry", "time_unit", "version", "origin_us", "count")
 _ROWS = 1 << 19
@@ -174,10 +178,11 @@ def _rows_of(name: str, dataset: h5py.Dataset) -> _Stream | None:
     if names is not None:
         fields = find_columns(names)
         return None if fields is None else _Stream("prophesee-hdf5", name, fields)
-    if name.rsplit("/", 1)[-1] == "events" and dataset.ndim == 2 and dataset.shape[1] == 4:
-        return _Stream("mvsec", name)
     table = dataset.ndim == 2 and 4 in dataset.shape and dataset.dtype.kind in "biuf"
-    return _Stream("hdf5-table", name) if table else None
+    if not table:
+        return None
+    mvsec = _MVSEC.search(name) and dataset.dtype.kind == "f" and dataset.shape[1] == 4
+    return _Stream("mvsec" if mvsec else "hdf5-table", name)
 
 
 def _chosen(
@@ -197,7 +202,7 @@ def _chosen(
     left = [stream for stream in streams if stream.name == "davis/left/events"]
     if left:
         return left[0], ("the events of the left camera were read: davis/left/events",)
-    raise InputError(f"{path} has events of {', '.join(names)}; say which with stream")
+    raise InputError(f"{path} has events of {', '.join(names)}; say which with stream (--stream)")
 
 
 def _columns(file: h5py.File, stream: _Stream) -> list[h5py.Dataset]:

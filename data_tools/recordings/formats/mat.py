@@ -36,7 +36,9 @@ def open(path: Path, options: Options) -> Source:
     tables = dict(_tables(_load(path), ()))
     name = options.stream
     if name is None and len(tables) > 1:
-        raise InputError(f"{path} has events in {', '.join(tables)}: say which, stream = ...")
+        raise InputError(
+            f"{path} has events in {', '.join(tables)}: say which, stream = ... (--stream)"
+        )
     name = next(iter(tables), "") if name is None else name
     if name not in tables:
         there = f"only {', '.join(tables)}" if tables else "none (x, y, t, p are needed)"
