@@ -2,6 +2,7 @@
 
 import gzip
 import hashlib
+import io
 import json
 import os
 import re
@@ -375,6 +376,20 @@ def test_notes_of_what_came_out_of_a_pipe_name_the_pipe(run, tmp_path):
     code, out, _ = run("align", tmp_path / "h.csv", piped(text, tmp_path / "w"))
     assert code == 0
     assert f"{tmp_path / 'w'}: columns are separated by semicolons" in out.splitlines()
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no named pipes here")
+def test_a_list_of_relative_paths_is_no_pipe_and_the_authors_file_may_be_one(run, tmp_path):
+    os.mkfifo(tmp_path / "list")
+    code, _, err = run("batch", tmp_path / "list", "-o", tmp_path / "out")
+    assert code == 2
+    assert "is a pipe" in one_line(err)
+    buffer = io.BytesIO()
+    np.savez(buffer, wrong=np.zeros(3))
+    code, _, err = run("align", piped(buffer.getvalue(), tmp_path / "both"))
+    assert code == 2
+    assert f"{tmp_path / 'both'}" in one_line(err)
+    assert "velocities file is needed" not in err
 
 
 def test_nothing_is_written_over_what_is_read_or_written(run, tmp_path):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
+from zipfile import is_zipfile
 
 import typer
 
@@ -315,7 +316,7 @@ def streams(
     from data_tools.logs.series_files import read_headings, read_paired_streams
     from data_tools.logs.velocity_sources import read_body_velocities
 
-    if headings.suffix == ".npz":
+    if headings.suffix == ".npz" or is_zipfile(headings):
         if velocities is not None:
             raise InputError(f"{headings} holds both streams: give no velocities beside it")
         pairs = read_paired_streams(headings)

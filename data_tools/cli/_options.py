@@ -25,9 +25,10 @@ INTERRUPTED = 130
 
 INPUTS = (
     *("recording", "camera", "wheels", "vehicle", "velocities", "columns", "headings"),
-    *("trajectory", "calibration", "recordings"),
+    *("trajectory", "calibration"),
 )
-"""Parameters of commands that are files to read."""
+"""Parameters of commands that are files to read.  Not the list of a batch: its paths are relative
+to it, so it has to stand somewhere."""
 OUTPUTS = ("output", "target", "plot")
 """Parameters of commands that are files to write."""
 
