@@ -20,8 +20,7 @@ from evcalib.errors import InputError
 
 GROUND = {
     *("map", "odom", "odom_combined", "world", "earth", "utm", "enu", "global", "local"),
-    *("local_origin", "local_enu", "map_ned", "odom_ned", "local_origin_ned", "camera_init"),
-    "mocap",
+    *("local_origin", "local_enu", "camera_init", "mocap"),
 }
 """Last words of names of frames that stand still (REP 105, MAVROS and other common drivers)."""
 TWIST_FRAMES = ("body", "ground")
