@@ -109,7 +109,7 @@ assert turned < found.rotation_radius
 # and bent and moved up and down by the mounting.
 
 # %%
-from evcalib.report._figures import report_figures
+from evcalib.report import report_figures
 
 figures = report_figures(run)
 Image(style.png(figures["unaligned"], dpi=110))

@@ -35,9 +35,7 @@ from evcalib.features.corners import arc_star
 from evcalib.features.repeatability import score_surface
 from evcalib.plots import style
 from evcalib.plots.events import NAMES, draw_over_speed, draw_rows_of_time, draw_surfaces
-from evcalib.surfaces._time import time_surface
-from evcalib.surfaces._tos import tos
-from evcalib.surfaces._tos_ts import tos_ts
+from evcalib.surfaces import time_surface, tos, tos_ts
 from evcalib.surfaces.quality import edges, grey, likeness, surface_images
 
 style.use()

@@ -36,11 +36,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from data_tools.logs import vehicle_files, wheel_logs
-from data_tools.simulation import drives
 from evcalib.errors import InputError
 from evcalib.kinematics import Mecanum, Omni, OmniWheel, Swerve, Wheel, WheelLog, WheelStates
-from evcalib.plots import style
-from evcalib.plots.kinematics import draw_motion, draw_velocity_log, explain_motion
+from evcalib.plots import draw_motion, draw_velocity_log, explain_motion, style
 
 style.use()
 
@@ -270,9 +268,11 @@ except InputError as refusal:
 # the front right wheel slips.
 
 # %%
+from data_tools.simulation.drives import s_curve
+
 rng = np.random.default_rng(3)
 t = np.arange(0.0, 20.0, 0.02)
-v = drives.s_curve(20.0).velocity(t)[:, :2]
+v = s_curve(20.0).velocity(t)[:, :2]
 yaw_rate = np.where((t >= 8) & (t < 9), 0.8, 0.0)
 clean = swerve.wheel_states(v, yaw_rate)
 states = WheelStates(

@@ -31,13 +31,12 @@ import numpy as np
 
 from data_tools.simulation.drives import arc, s_curve, straight, zigzag
 from data_tools.simulation.streams import Noise, simulate
-from evcalib.alignment import align
+from evcalib import align
 from evcalib.alignment.offset import candidate_offsets, find_offset
 from evcalib.alignment.offset_refinement import inliers_at, refine_offset
 from evcalib.geometry import random_rotation, rotation_angle
 from evcalib.kinematics.velocity_track import velocity_track
 from evcalib.plots import style
-from evcalib.plots.alignment import draw_curve
 from evcalib.plots.offset import draw_apart, draw_refuge, draw_search, draw_slope, draw_streams
 
 style.use()
@@ -187,6 +186,8 @@ print(f"trace {trace.offset:.3f} s, profile {profile.offset:.3f} s, true {stream
 # there.
 
 # %%
+from evcalib.plots.alignment import draw_curve
+
 flipped = drive_along(s_curve(), seed=5, flips=0.4)
 flipped_track = velocity_track(flipped.velocities)
 figure, axes = plt.subplots(1, 2, figsize=style.WIDE)

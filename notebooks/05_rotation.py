@@ -32,10 +32,9 @@ import numpy as np
 
 from data_tools.simulation.drives import s_curve
 from data_tools.simulation.streams import Noise, SyntheticStreams, simulate
-from evcalib.alignment import align
+from evcalib import align
 from evcalib.alignment.rotation import METHODS, RotationEstimate, estimate_rotation, kabsch
 from evcalib.geometry import random_rotation, rotation_angle
-from evcalib.kinematics.velocity_track import velocity_track
 from evcalib.plots import style
 from evcalib.plots.rotation import draw_breakdown, draw_losses, draw_map, draw_weights
 
@@ -65,6 +64,9 @@ class Pairs:
 
 
 # %%
+from evcalib.kinematics.velocity_track import velocity_track
+
+
 def make_pairs(seed, *, swing=1.0, **spoiled):
     drive, rng = s_curve(amplitude=swing), np.random.default_rng(seed)
     noise, odometry = Noise(sigma=0.1, **spoiled), Noise(sigma=0.02)

@@ -34,7 +34,7 @@ import numpy as np
 from data_tools.logs.velocity_sources import read_body_velocities
 from data_tools.runs.export import read_calibration
 from data_tools.runs.headings import open_with_camera
-from evcalib.alignment import align
+from evcalib import align
 from evcalib.geometry import angle_between, rotation_angle, unit
 from evcalib.heading import estimate_headings
 from evcalib.plots import style
@@ -315,7 +315,7 @@ plt.show()
 # tell. This is what `evcalib.calibrate` returns. Against the truth:
 
 # %%
-from evcalib.pipeline._assessment import finish
+from evcalib.pipeline import finish
 
 final = {
     name: finish(aligned[name], refined[name], estimates[name].headings, drive.track, 1.0)

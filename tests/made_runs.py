@@ -8,10 +8,9 @@ import numpy as np
 from data_tools.simulation.drives import s_curve, straight
 from data_tools.simulation.streams import Noise, simulate
 from evcalib.alignment import align
-from evcalib.heading import Counts, EventRate, HeadingEstimate, Snapshot
-from evcalib.heading._result import Gap
-from evcalib.pipeline import CalibrationRun, InputFile, Truth
-from evcalib.pipeline._run import Gating, package_versions
+from evcalib.heading import Counts, EventRate, Gap, HeadingEstimate, Snapshot
+from evcalib.pipeline import CalibrationRun, Gating, InputFile, Truth
+from evcalib.pipeline._run import package_versions
 
 
 def snapshot(width=64, height=48):

@@ -12,11 +12,14 @@ from data_tools.studies.baseline_runs import (
     run_baselines,
 )
 from evcalib.alignment import align
-from evcalib.baselines import METHODS, TRAJECTORY_METHODS, RivalInput, calibrate_with
-from evcalib.baselines._interface import (
+from evcalib.baselines import (
+    METHODS,
+    TRAJECTORY_METHODS,
     CertifiedCalibration,
     RivalCalibration,
+    RivalInput,
     TrajectoryCalibration,
+    calibrate_with,
 )
 from evcalib.baselines.authors import paired_rows, with_alignment
 from evcalib.errors import InputError

@@ -297,10 +297,14 @@ KALIBR = """cam0:
 
 BAD_CAMERAS = {
     "another model": ("c.yaml", {"model": "omni"}, "'omni' is not supported"),
-    "another distortion": ("c.yaml", {"distortion": "fov"}, "distortion_model must be one of"),
-    "another size": ("c.yaml", {"width": 346}, "of a sensor of 96x72 px, not of 346x72"),
+    "another distortion": ("c.yaml", {"distortion": "fov"}, "model 'fov'; radial-tangential"),
+    "another size": (
+        "c.yaml",
+        {"width": 346},
+        "for 346x72 pixels, the events have 96x72",
+    ),
     "no model": ("c.txt", "200 200 172 129 0 0 0 0 0\n", "calibration of another resolution"),
-    "words": ("c.txt", "fx fy", "not a line of numbers"),
+    "words": ("c.txt", "fx fy", "holds no camera in a form that is known"),
 }
 
 

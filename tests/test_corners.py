@@ -13,7 +13,7 @@ from data_tools.recordings.formats.events_text import load_events_text
 from evcalib.errors import InputError
 from evcalib.events import Events
 from evcalib.features.corners import ArcStar, TosHarris, arc_star
-from evcalib.surfaces._tos import tos
+from evcalib.surfaces import tos
 
 
 def random_events(seed, n, width, height, longest_us):

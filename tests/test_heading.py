@@ -19,8 +19,7 @@ from evcalib.camera import Camera
 from evcalib.errors import InputError
 from evcalib.events import Events
 from evcalib.geometry import angle_between, unit
-from evcalib.heading import HeadingOptions, KeyframeMatches, estimate_headings
-from evcalib.heading._estimator import HeadingEstimator
+from evcalib.heading import HeadingEstimator, HeadingOptions, KeyframeMatches, estimate_headings
 from evcalib.heading._keyframes import BearingTable
 from evcalib.heading._options import MAX_STEPS
 from evcalib.heading._window_fit import fit

@@ -14,8 +14,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from data_tools.course import _copy, copy_notebooks, home_of_notebooks
-from data_tools.course._copy import RECORD, course_files
+from data_tools.course import _copy, copy_notebooks, course_files, home_of_notebooks
+from data_tools.course._copy import RECORD
 from evcalib import __version__
 from evcalib.errors import InputError
 

@@ -14,9 +14,8 @@ from data_tools.simulation.trajectory import Trajectory
 from evcalib.camera import Camera
 from evcalib.events import Events
 from evcalib.geometry import angle_between
-from evcalib.heading import KeyframeMatches, estimate_headings
+from evcalib.heading import HeadingEstimator, KeyframeMatches, estimate_headings
 from evcalib.heading import _snapshot as recording
-from evcalib.heading._estimator import HeadingEstimator
 from evcalib.heading._options import MAX_STEPS
 
 

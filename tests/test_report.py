@@ -14,8 +14,8 @@ from made_runs import bare_run, made_run
 from scipy.spatial.transform import Rotation
 
 from evcalib.geometry import LOOKS_FORWARD
-from evcalib.pipeline import InputFile
-from evcalib.pipeline._run import Gating, package_versions
+from evcalib.pipeline import Gating, InputFile
+from evcalib.pipeline._run import package_versions
 from evcalib.report import _html, report_html
 from evcalib.report import _text as text
 from evcalib.report._page import CAPTIONS

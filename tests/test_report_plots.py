@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from evcalib.geometry import LOOKS_FORWARD
 from evcalib.heading import EventRate
 from evcalib.plots import alignment, recording, style
-from evcalib.report._figures import report_figures
+from evcalib.report import report_figures
 
 
 @pytest.fixture

@@ -8,12 +8,19 @@ from surface_streams import random_events
 
 from evcalib.errors import InputError
 from evcalib.events import Events
-from evcalib.surfaces import SURFACES, Tos
-from evcalib.surfaces._dist import Dist, dist
-from evcalib.surfaces._silc import Silc, silc
-from evcalib.surfaces._time import TimeSurface, time_surface
-from evcalib.surfaces._tos import tos
-from evcalib.surfaces._tos_ts import TosTs, tos_ts
+from evcalib.surfaces import (
+    SURFACES,
+    Dist,
+    Silc,
+    TimeSurface,
+    Tos,
+    TosTs,
+    dist,
+    silc,
+    time_surface,
+    tos,
+    tos_ts,
+)
 
 CLASSES = list(SURFACES.values())
 

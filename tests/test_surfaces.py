@@ -15,12 +15,7 @@ from surface_streams import random_events, rows, size, streams
 
 from evcalib._event_columns import MAX_TIME_US
 from evcalib.events import Events
-from evcalib.surfaces import SURFACES
-from evcalib.surfaces._dist import dist
-from evcalib.surfaces._silc import silc
-from evcalib.surfaces._time import time_surface
-from evcalib.surfaces._tos import tos
-from evcalib.surfaces._tos_ts import TosTs, tos_ts
+from evcalib.surfaces import SURFACES, TosTs, dist, silc, time_surface, tos, tos_ts
 
 
 def split(twin, events):

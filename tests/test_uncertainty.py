@@ -18,12 +18,12 @@ from evcalib.series import HeadingSeries
 from evcalib.uncertainty import (
     UNKNOWN,
     NoiseModel,
+    fit_noise,
     joint_covariance,
     peak_of_parabola,
     rotation_radius,
     t_quantile,
 )
-from evcalib.uncertainty._noise import fit_noise
 
 shares, memories = st.floats(0, 1), st.floats(0.01, 10)
 

@@ -18,7 +18,7 @@ from evcalib.events import Events
 from evcalib.heading import Matches
 from evcalib.heading.two_views import keypoints_at, matched
 from evcalib.plots.heading import draw_offsets
-from evcalib.surfaces._tos_ts import tos_ts
+from evcalib.surfaces import tos_ts
 from evcalib.widgets import heading as module
 from evcalib.widgets.heading import HeadingPanel
 

@@ -100,11 +100,17 @@ def read_table(
     if header is None:
         if only is None:
             header = list((names or {}).get(cells.width, ()))
+            at = f"{path} line {cells.lines[0] if cells.lines.size else 1}"
+            if not header and names:
+                told = " or ".join(f"{k} ({', '.join(these)})" for k, these in names.items())
+                raise InputError(
+                    f"{at} has {cells.width} numbers; where no line names the columns, there must"
+                    f" be {told}"
+                )
             if not header:
                 raise InputError(
-                    f"{path} line {cells.lines[0] if cells.lines.size else 1} holds numbers: no"
-                    " line names the columns; add one, or name them by number in a column map"
-                    " (--columns), as in t: 1"
+                    f"{at} holds numbers: no line names the columns; add one, or name them by"
+                    " number in a column map (--columns), as in t: 1"
                 )
             notes.append(f"no header: columns are taken to be {', '.join(header)}")
         else:
@@ -224,7 +230,8 @@ def _read_cells(path: str | Path) -> _Cells:
     try:
         header: list[str] | None = [name.strip() for name in next(numbered.reader)]
         assert header is not None
-        if all(_is_number(cell) for cell in header):
+        # Where most are numbers, a word among them is a broken value, not a name.
+        if sum(_is_number(cell) for cell in header) > len(header) / 2:
             width = len(header)
             header, numbered = None, _NumberedLines(path, lines, start, separator)
             comment = next((line for line in reversed(lines[:start]) if line.strip()), "")

@@ -102,6 +102,11 @@ def finish(
         What was aligned; residuals and agreement are those of the headings at the refined values.
     max_offset : float
         Half width of the search [s].
+
+    Returns
+    -------
+    RefinedCalibration
+        The refinement's answer, with a verdict of its own.
     """
     solution = Solution.at(StreamPair.of(headings, track), joint.offset, "tukey")
     spread = direction_spread(solution.residuals.direction, track)

@@ -10,11 +10,7 @@ import numpy as np
 import pytest
 
 from evcalib.events import Events
-from evcalib.surfaces import Tos
-from evcalib.surfaces._dist import Dist
-from evcalib.surfaces._silc import Silc
-from evcalib.surfaces._time import TimeSurface
-from evcalib.surfaces._tos_ts import TosTs
+from evcalib.surfaces import Dist, Silc, TimeSurface, Tos, TosTs
 
 WIDTH, HEIGHT, N, SECONDS = 346, 260, 5_000_000, 1.0
 FRAME_US, TAU = 10_000, 0.03
