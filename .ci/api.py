@@ -24,8 +24,9 @@ warnings.simplefilter("error")
 warnings.filterwarnings("ignore", "Error parsing type annotation")
 os.environ["PDOC_ALLOW_EXEC"] = "1"  # a dependency asks the system for the kind of processor
 # The public names come when they are first used, so that importing evcalib is quick.
-for name in evcalib.__all__:
-    setattr(evcalib, name, getattr(evcalib, name))
+for front in (evcalib, evcalib.plots, evcalib.widgets):
+    for name in front.__all__:
+        setattr(front, name, getattr(front, name))
 
 folder = Path(sys.argv[1] if sys.argv[1:] else ".artefacts/api")
 pdoc.render.configure(

@@ -22,6 +22,7 @@ from evcalib.alignment.observability import axis_name
 from evcalib.alignment.offset import OffsetCurve, candidate_offsets
 from evcalib.arrays import Floats
 from evcalib.errors import InputError
+from evcalib.geometry import rotation_vector
 from evcalib.kernels.baselines import hand_eye as kernel
 from evcalib.poses import Motions, PoseSeries, associate, motions
 
@@ -221,7 +222,7 @@ def _axes(turn: Floats) -> Floats:
     """Return rotation vectors (n, 3), without looking at turns that are none."""
     if np.all(turn == np.eye(3)):
         return np.zeros((len(turn), 3))
-    return Rotation.from_matrix(turn).as_rotvec()
+    return rotation_vector(turn)
 
 
 def minimise(form: Quadratic, start: Floats, *, polished: int = 4) -> Floats:
