@@ -6,7 +6,7 @@ import h5py
 import naive_formats as naive
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 from data_tools.recordings import _clock, describe, open_recording
@@ -36,7 +36,7 @@ def found(recording):
 
 
 @pytest.mark.parametrize("disorder", ["refuse", "sort", "drop"])
-@pytest.mark.parametrize("shift", [100_000_000, 4_000_000_000, 200_000, 1 << 40, -9_000_000])
+@pytest.mark.parametrize("shift", [10**8, 4 * 10**9, 200_000, 1 << 40, 1 << 62, -9_000_000])
 @pytest.mark.parametrize("rows", [[0], [300], [0, 300, 301], [1, 598], [599]])
 def test_glitches_are_left_out_and_nothing_else(tmp_path, rows, shift, disorder):
     t = ascending(600)
@@ -60,8 +60,11 @@ def test_glitches_are_left_out_and_nothing_else(tmp_path, rows, shift, disorder)
     length=st.integers(1, 9),
     shift=st.sampled_from([60_000_000, 10**12]),
 )
+@example(cuts=[30], starts=[1], length=3, shift=60_000_000)
 @settings(deadline=None, max_examples=60)
 def test_pieces_do_not_matter(cuts, starts, length, shift):
+    """Of glitches with more sound events than bad ones between them; else none can say which is."""
+    assume(np.diff(sorted(starts)).min(initial=6000) > 2 * length + 1)
     t = np.arange(6000) * 1000
     wrong, bad = t.copy(), np.zeros(6000, bool)
     for start in starts:

@@ -144,7 +144,9 @@ def _mended(piece: Columns, begun: bool, ended: bool, losses: Counter[str]) -> C
             )
         piece = piece.rows(np.r_[: found[0], found[1] : piece.t.size])
         at = max(found[0] - 1, 0)
-    piece = _without_ends(piece, begun, ended)
+    # While little has come, a glitch right after the first events may still wait to be judged.
+    if ended or piece.t.size > 2 * RUN:
+        piece = _without_ends(piece, begun, ended)
     if piece.t.size < before:
         losses[GLITCHES] += before - piece.t.size
     return piece
@@ -170,7 +172,8 @@ def _glitch(t: Integers, at: int, begun: bool, ended: bool) -> tuple[int, int] |
 
 def _without_ends(piece: Columns, begun: bool, ended: bool) -> Columns:
     """Leave out the first or last events if they are far from all others."""
-    t = piece.t
+    # As floats: a damaged time may be so far away that the difference of integers overflows.
+    t = piece.t.astype(np.float64)
     if t.size < _FEWEST * _ENDS:
         return piece
     far = np.abs(np.diff(t)) > _ALONE_US
