@@ -172,10 +172,10 @@ def _glitch(t: Integers, at: int, begun: bool, ended: bool) -> tuple[int, int] |
 
 def _without_ends(piece: Columns, begun: bool, ended: bool) -> Columns:
     """Leave out the first or last events if they are far from all others."""
+    if (begun and not ended) or piece.t.size < _FEWEST * _ENDS:
+        return piece
     # As floats: a damaged time may be so far away that the difference of integers overflows.
     t = piece.t.astype(np.float64)
-    if t.size < _FEWEST * _ENDS:
-        return piece
     far = np.abs(np.diff(t)) > _ALONE_US
     start, stop = 0, t.size
     if not begun and far[:_ENDS].any():
