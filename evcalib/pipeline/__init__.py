@@ -4,15 +4,19 @@ from evcalib._moved import leftovers
 from evcalib.pipeline._assessment import RefinedCalibration, finish
 from evcalib.pipeline._calibrate import calibrate, calibrate_estimate
 from evcalib.pipeline._run import CalibrationRun, Gating, InputFile, Truth
+from evcalib.pipeline.repeats import Repeats, RunAnswer, compare_runs
 
 __all__ = [
     "CalibrationRun",
     "Gating",
     "InputFile",
     "RefinedCalibration",
+    "Repeats",
+    "RunAnswer",
     "Truth",
     "calibrate",
     "calibrate_estimate",
+    "compare_runs",
     "finish",
 ]
 

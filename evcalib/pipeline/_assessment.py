@@ -55,6 +55,13 @@ class RefinedCalibration(Calibration):
 
     joint: JointRefinement | None = None
 
+    @property
+    def samples(self) -> float:
+        """Independent stretches of motion behind the error bars."""
+        if self.joint is None or not self.offset_observable:
+            return super().samples
+        return self.joint.samples
+
     @classmethod
     def after(cls, aligned: Calibration, **changes: Any) -> RefinedCalibration:
         """Return an alignment's answer with what the refinement changed."""

@@ -156,6 +156,7 @@ def calibrate(
         settings=settings,
         versions=package_versions(),
         timings=timings,
+        camera=camera,
     )
 
 

@@ -10,6 +10,7 @@ from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 from evcalib.arrays import Floats
+from evcalib.camera import Camera
 from evcalib.display import Shown
 from evcalib.heading import HeadingEstimate
 from evcalib.kinematics import BodyVelocities
@@ -114,6 +115,10 @@ class CalibrationRun(Shown):
         Role to file, the recording first.
     truth : Truth, optional
         Where it is known.
+    camera : Camera, optional
+        The camera as it was given.
+    origin_us : int
+        What was subtracted from all times of the recording [us].
     """
 
     calibration: RefinedCalibration
@@ -128,6 +133,8 @@ class CalibrationRun(Shown):
     command: str = ""
     files: Mapping[str, InputFile] = field(default_factory=dict)
     truth: Truth | None = None
+    camera: Camera | None = None
+    origin_us: int = 0
 
     @property
     def gap_reasons(self) -> list[tuple[str, int]]:
