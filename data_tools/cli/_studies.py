@@ -94,7 +94,9 @@ def baselines(
 def study(
     name: Annotated[
         str,
-        typer.Argument(help="paper, drives, ablations, coverage, real, recorded, campaign or lag."),
+        typer.Argument(
+            help="paper, drives, ablations, coverage, real, recorded, campaign, lag or repeat."
+        ),
     ],
     output: Annotated[Path, typer.Option("-o", "--output", help="Folder for table and plots.")],
     trials: Annotated[int, typer.Option(min=1, help="Trials per group.")] = 100,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -13,11 +14,16 @@ from evcalib.arrays import Floats
 from evcalib.display import Rows, Shown
 from evcalib.errors import InputError
 from evcalib.geometry import matrix_to_rpy, rotation_vector, rotation_vector_to_matrix
+from evcalib.joint import Systematic
+from evcalib.pipeline._assessment import RefinedCalibration
 from evcalib.uncertainty import Agreement, agreement, rotation_radius
 
 LEVEL = 0.05
 """Chance that runs which agree are called contradictory, over all unknowns together.  A choice, the
 one of 95 % intervals; the unknowns share it by Holm's rule."""
+
+LEAST_SD = 1e-6
+"""Least own standard deviation of an offset [s]: events are stamped in microseconds."""
 
 STEPS = 5
 """Rounds of the mean on the sphere of rotations: each squares the error of the last, of radians."""
@@ -62,6 +68,25 @@ class RunAnswer(Shown):
     shared_rotation_sd: float = 0.0
     shared_offset_sd: float = 0.0
     start: float | None = None
+
+    @classmethod
+    def of(cls, name: str, calibration: RefinedCalibration, systematic: Systematic) -> RunAnswer:
+        """Take a run's answer out of its calibration; only refined ones hold a shared part."""
+        refined = calibration.joint is not None
+        rotation_sd = systematic.rotation_sd if refined else 0.0
+        time_sd = systematic.time_sd if refined else 0.0
+        return cls(
+            name=name,
+            R_body_cam=calibration.R_body_cam,
+            rotation_covariance=calibration.rotation_covariance - rotation_sd**2 * np.eye(3),
+            offset=calibration.offset,
+            offset_sd=math.sqrt(max(calibration.offset_sd**2 - time_sd**2, LEAST_SD**2)),
+            samples=calibration.samples,
+            rotation_determined=calibration.rotation_observable,
+            offset_determined=calibration.offset_observable,
+            shared_rotation_sd=rotation_sd,
+            shared_offset_sd=time_sd,
+        )
 
     @property
     def dof(self) -> float:

@@ -73,8 +73,8 @@ def draw_rotations(ax: Axes, repeats: Repeats, plane: tuple[str, str]) -> None:
         colour = _colour(run, one.odd)
         ax.add_patch(_ellipse(at, covariance, run.dof, colour))
         ax.plot(*at, "o", ms=4, color=colour)
-        ax.annotate(run.name, at, xytext=(4, 4), textcoords="offset points", fontsize=7.5,
-                    color=colour)  # fmt: skip
+        place = (at[0], at[1])
+        ax.annotate(run.name, place, (4, 4), textcoords="offset points", fontsize=7.5, color=colour)
     ax.axhline(0, color=style.MUTED, lw=0.8)
     ax.axvline(0, color=style.MUTED, lw=0.8)
     ax.set_aspect("equal", adjustable="datalim")

@@ -42,7 +42,7 @@ def repeats_html(repeats: Repeats) -> str:
             "div",
             tag("p", summary),
             *(tag("p", line) for line in repeats.lines()),
-            class_=f"verdict {'bad' if repeats.contradict else 'good'}",
+            class_=f"verdict {'no' if repeats.contradict else 'yes'}",
         ),
         section("Together", _together(repeats)),
         section("All answers", picture(repeats_figure(repeats), "All answers", CAPTION)),

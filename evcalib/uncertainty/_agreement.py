@@ -10,6 +10,10 @@ from scipy import stats
 from evcalib.arrays import Floats
 from evcalib.display import Shown
 
+LEAST_WEIGHT = 0.2
+"""Least share of its weight that an answer keeps whose covariance rests on few samples.  A choice:
+with fewer than p + 1 degrees of freedom the mean of the inverse does not exist."""
+
 
 @dataclass(frozen=True, eq=False)
 class Agreement(Shown):
@@ -60,9 +64,9 @@ def agreement(values: Floats, covariances: Floats, dof: Floats) -> Agreement:
 
     References
     ----------
-    Welch 1951 (p = 1); Johansen 1980; of the pooled answer's covariance Meier 1953.
+    Welch 1951 (p = 1); Johansen 1980.
     """
-    pooled, covariance = _pooled(values, covariances)
+    pooled, _ = _pooled(values, covariances)
     everyone = np.arange(len(values))
     without = np.empty(len(values))
     for k in everyone:
@@ -71,9 +75,7 @@ def agreement(values: Floats, covariances: Floats, dof: Floats) -> Agreement:
         pair = np.stack([values[k], mean]), np.stack([covariances[k], spread])
         # The mean of the others is as well known as all of them together.
         without[k] = _chance(*pair, np.array([dof[k], dof[rest].sum()]))
-    share = covariance @ np.linalg.inv(covariances)
-    lost = np.einsum("kab,kbc,k->ac", share, np.eye(share.shape[1]) - share, 1 / dof)
-    wider = covariance + 2 * (lost @ covariance + covariance @ lost.T)
+    wider = _with_estimated_weights(covariances, dof)
     return Agreement(pooled, wider, _chance(values, covariances, dof), without)
 
 
@@ -82,6 +84,23 @@ def _pooled(values: Floats, covariances: Floats) -> tuple[Floats, Floats]:
     weights = np.linalg.inv(covariances)
     covariance = np.linalg.inv(weights.sum(axis=0))
     return covariance @ np.einsum("kab,kb->a", weights, values), covariance
+
+
+def _with_estimated_weights(covariances: Floats, dof: Floats) -> Floats:
+    """Return the covariance of a weighted mean whose weights are of Wishart covariances.
+
+    Their inverses W are too large by dof / (dof - p - 1) on average; what else the noise of the
+    weights adds is, to first order in 1 / dof,
+    C sum_k [(p + 1 - 2 tr A) W - 2 W A] C / dof, with C the inverse of their sum and A = C W.
+    """
+    p = covariances.shape[1]
+    weights = np.linalg.inv(covariances)
+    fair = weights * np.maximum(1 - (p + 1) / dof, LEAST_WEIGHT)[:, None, None]
+    covariance = np.linalg.inv(fair.sum(axis=0))
+    share = covariance @ fair
+    free = p + 1 - 2 * np.trace(share, axis1=1, axis2=2)
+    more = ((free / dof)[:, None, None] * fair - 2 * fair @ share / dof[:, None, None]).sum(axis=0)
+    return np.asarray(covariance + covariance @ more @ covariance)
 
 
 def _chance(values: Floats, covariances: Floats, dof: Floats) -> float:
