@@ -178,6 +178,8 @@ class Repeats(Shown):
                     f"The {name} drifts by {amount} per {unit}"
                     f" (probability by chance {one.trend_p:.2g})."
                 )
+        if self.contradict:
+            said.append("Do not use the pooled answer of what contradicts itself.")
         for name in ("offset", "rotation"):
             without = [r.name for r in self.runs if not getattr(r, f"{name}_determined")]
             if without:

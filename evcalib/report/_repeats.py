@@ -45,7 +45,7 @@ def repeats_html(repeats: Repeats) -> str:
             class_=f"verdict {'no' if repeats.contradict else 'yes'}",
         ),
         section("Together", _together(repeats)),
-        section("All answers", picture(repeats_figure(repeats), "All answers", CAPTION)),
+        section("All answers", picture(repeats_figure(repeats), "Offsets and rotations", CAPTION)),
         section("Run by run", _runs(repeats)),
     )
 
