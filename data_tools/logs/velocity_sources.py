@@ -99,7 +99,7 @@ def read_body_velocities(
         `vehicle`, one of wheel states (see `data_tools.logs.wheel_logs`); or a ROS 1 or ROS 2 bag.
     topic : str, optional
         Topic of a bag; by default the only one that fits.
-    vehicle : Swerve, Mecanum, Omni or path, optional
+    vehicle : Swerve, Mecanum, Omni, Rolling or path, optional
         The vehicle, or its YAML file; turns wheel states into velocities.
     columns : mapping or path, optional
         Column map, or its YAML file (see `data_tools.logs.column_maps`); for joints, of joints.
