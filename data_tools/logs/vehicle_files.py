@@ -118,7 +118,9 @@ def _build(content: dict[str, Any]) -> Vehicle:
         have = "there is no type" if kind is None else f"unknown type {kind!r}"
         raise InputError(f"{have}; type must be one of {', '.join(_KEYS)}")
     required, optional = _KEYS[kind]
-    _check_keys(content, ("type", *required), optional, f"a {kind} vehicle")
+    _check_keys(
+        content, ("type", *required), optional, f"a{'n' * (kind[0] in 'ao')} {kind} vehicle"
+    )
     if kind == "mecanum":
         lengths = (checks.positive(_number(content[key], key), key, "m") for key in required)
         return Mecanum(*(0.5 * length for length in lengths))
@@ -169,11 +171,12 @@ def _names(value: Any, key: str) -> tuple[str, ...]:
 
 
 def _rolling_wheel(name: Any, value: Any) -> RollingWheel:
-    told = {
-        key: value[key] for key in ("speed", "steer") if isinstance(value, dict) and key in value
-    }
-    places = {k: v for k, v in value.items() if k not in told} if told else value
-    return RollingWheel(name, *_numbers(name, places, ("x", "y")), **told)
+    told: dict[str, Any] = {}
+    if isinstance(value, dict):
+        told = {key: value[key] for key in ("speed", "steer") if key in value}
+        value = {key: value[key] for key in value if key not in told}
+    x, y = _numbers(name, value, ("x", "y"))
+    return RollingWheel(name, x, y, **told)
 
 
 def _wheel(name: Any, value: Any) -> Wheel:

@@ -26,6 +26,7 @@ and tricycles.
 (X forward, Y left, yaw counter-clockwise from above), in m, s, rad.
 """
 
+from evcalib.kinematics._checks import Parameter, VehicleCheck, check_vehicle, turning_centre
 from evcalib.kinematics._rolling import Rolling
 from evcalib.kinematics._states import BodyTwist, WheelLog, WheelStates
 from evcalib.kinematics._vehicles import Mecanum, Omni, Swerve
@@ -40,12 +41,16 @@ __all__ = [
     "Mecanum",
     "Omni",
     "OmniWheel",
+    "Parameter",
     "Rolling",
     "RollingWheel",
     "Swerve",
     "Vehicle",
+    "VehicleCheck",
     "Wheel",
     "WheelLog",
     "WheelStates",
     "body_velocities",
+    "check_vehicle",
+    "turning_centre",
 ]

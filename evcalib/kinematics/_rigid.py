@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
-from evcalib.arrays import Flags, Floats
+from evcalib.arrays import Floats
 from evcalib.errors import InputError
 from evcalib.kinematics._states import BodyTwist
 from evcalib.kinematics._wheels import check_span
@@ -31,6 +32,11 @@ def fit(matrix: Floats, measured: Floats) -> Floats:
     return np.einsum("nij,nj->ni", np.linalg.pinv(matrix), measured)
 
 
+def said(matrix: Floats, twist: Floats) -> Floats:
+    """Return what the wheels would measure (n, m) under twists (n, 3)."""
+    return twist @ matrix.T if matrix.ndim == 2 else np.einsum("nij,nj->ni", matrix, twist)
+
+
 def with_slip(
     matrix: Floats,
     measured: Floats,
@@ -38,8 +44,7 @@ def with_slip(
     wheels: int,
 ) -> BodyTwist:
     """Return the twists (n, 3) together with what they leave unexplained."""
-    said = twist @ matrix.T if matrix.ndim == 2 else np.einsum("nij,nj->ni", matrix, twist)
-    residual = measured - said
+    residual = measured - said(matrix, twist)
     slip = np.sqrt((residual**2).sum(axis=1) / wheels)
     return BodyTwist(v=twist[:, :2], yaw_rate=twist[:, 2], slip=slip)
 
@@ -70,7 +75,7 @@ def check_observable(matrix: Floats, positions: Floats) -> None:
         raise InputError(_unmeasured(motions[2], centre, spread))
 
 
-def check_rows(matrix: Floats, positions: Floats, moving: Flags) -> None:
+def check_rows(matrix: Floats, positions: Floats, moving: NDArray) -> None:
     """Refuse rows (n, m, 3) that leave a motion unmeasured while the vehicle moves."""
     centre = positions.mean(axis=0)
     spread = float(np.sqrt(((positions - centre) ** 2).sum(axis=1).mean()))

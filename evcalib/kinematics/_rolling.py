@@ -67,6 +67,12 @@ class Rolling(VehicleBase):
         object.__setattr__(self, "wheels", check_wheels(self.wheels, 2, RollingWheel))
         if not self.speed_names:
             raise InputError("no wheel tells its speed: how fast the vehicle drives stays open")
+        axles = [wheel.x for wheel in self.wheels if not wheel.steer]
+        if axles and max(axles) - min(axles) > _rigid.MIN_SPREAD:
+            raise InputError(
+                f"wheels that do not steer stand at x = {min(axles):g} and {max(axles):g} m: the"
+                " vehicle could not turn; a vehicle that turns by sliding is a skid_steer one"
+            )
         straight = WheelStates(
             np.zeros((1, len(self.speed_names))),
             np.zeros((1, len(self.steer_names))) if self.steered else None,
@@ -211,7 +217,7 @@ class Rolling(VehicleBase):
         measured = np.column_stack([states.speed, np.zeros((len(states), k))])
         if not self.steered:
             return matrix[0] if len(matrix) else matrix.reshape(-1, 3), measured
-        _rigid.check_rows(matrix, self.positions, states.speed.any(axis=1))
+        _rigid.check_rows(matrix, self.positions, np.any(states.speed != 0, axis=1))
         return matrix, measured
 
     def wheel_states(self, v: ArrayLike, yaw_rate: ArrayLike) -> WheelStates:

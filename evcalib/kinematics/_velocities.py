@@ -158,7 +158,8 @@ def body_velocities(
 
 CAUSES = (
     "steering angles in degrees, a steering zero that is off (offset in the column map), wheels in"
-    " another order, a speed of the wrong sign, or mecanum rollers the other way round"
+    " another order, a speed of the wrong sign, mecanum rollers the other way round, or another"
+    " type of vehicle"
 )
 
 
