@@ -232,9 +232,8 @@ def _derivatives(motion: _Motion, first: Integers, viewing: Viewing, speed: bool
     D = _turned(back, motion.path[rows] - motion.path[first][:, None])
     v, rate = _turned(yaw, motion.v[rows]), motion.rate[rows]
     moved = v - v[:, :1] - rate[:, :1, None] * np.cross(UP, D)
-    pull = _turned(yaw, motion.acceleration[rows])
     # From here on (n, bearings, times, 3).
-    D, v, moved, pull = (some[:, None] for some in (D, v, moved, pull))
+    D, v, moved, pull = (some[:, None] for some in (D, v, moved, motion.acceleration[rows]))
     turns = [_turned(yaw, axis)[:, None] for axis in np.eye(3)]
     u = viewing.bearings[:, None]
     near = np.resize([SPREAD, SPREAD[::-1]], len(u))[:, None, None] / viewing.distance

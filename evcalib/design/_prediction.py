@@ -196,9 +196,10 @@ def predict(
 
     Notes
     -----
-    Cramer & Rao's bound of what `evcalib.joint.refine_jointly` fits, for a camera about
-    where `viewing` has it.  The rotation is known to half a turn beforehand, the offset to the width of the search,
-    the position to a metre.  Without a yaw rate the body is taken to keep its heading, nearly.
+    Cramer & Rao's bound of what `evcalib.joint.refine_jointly` fits, for a camera about where
+    `viewing` has it.  The rotation is known to half a turn beforehand, the offset to the width of
+    the search, the position to a metre.  Without a yaw rate the body is taken to keep its heading,
+    nearly.
     """
     checks.instance(velocities, "velocities", VelocitySeries)
     checks.positive(max_offset, "max_offset", "seconds")
