@@ -166,9 +166,7 @@ class DriveDesigner(Panel):
             f"<div style='border-left:6px solid {color}; padding:4px 14px; line-height:1.5'>"
             f"<b style='font-size:115%'>{html.escape(full.summary)}</b><br>{advice}</div>"
         )
-        head = "".join(
-            f"<th style='{_CELL}'>{name}</th>" for name in ("", "offset", *_AXES, "x", "y")
-        )
+        head = "".join(f"<th style='{_CELL}'>{name}</th>" for name in _HEAD)
         body = ""
         for name, found in (("with speeds", full), ("directions alone", alone)):
             cells = [_milliseconds(found), *(_degrees(x) for x in found.rotation_sd)]
