@@ -227,7 +227,7 @@ def _slalom(swing: float, period: float, speed: float, duration: float) -> Drive
 
 def _in_place(swing: float, period: float, speed: float, duration: float) -> Drive:
     """Turn on the spot, by the swing to either side; the speed says nothing."""
-    plan = _slalom(swing, period, speed, duration)
+    plan = _slalom(max(swing, LEAST), period, speed, duration)
     return Drive(
         "turning in place", duration, plan.angle, lambda t: np.zeros_like(t), plan.yaw_rate
     )
