@@ -323,14 +323,14 @@ DriveDesigner(PLANS)
 # <details><summary>Solution</summary>
 #
 # Four times the time is four times the information, which would halve the standard deviation. But
-# `predict` goes only from 1.7 to 1.6 ms. It adds an error of 1.5 ms that all sightings of a drive
+# `predict` goes only from 3.4 to 2.1 ms. It adds an error of 1.5 ms that all sightings of a drive
 # share and that does not average out. What is left when its square is taken away does halve, from
-# 0.85 to 0.42 ms.
+# 3.0 to 1.5 ms.
 #
 # Twice as fast along the same path means half the period and twice the speed, for half the time.
 # Rates of turning double, which is four times the information; displacements double, which is
 # another four times; the time halves. In all that is $\sqrt 8 = 2.8$ times better. The bound says
-# 0.32 ms, 2.7 times better, beside the 1.5 ms that stay. Check with
+# 1.05 ms, 2.9 times better, beside the 1.5 ms that stay. Check with
 # `predict(plan("S-curve", duration=64.0))` and
 # `predict(plan("S-curve", period=3.0, speed=1.0, duration=8.0))`.
 #

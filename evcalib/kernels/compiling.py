@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import atexit
+import os
 import threading
 from typing import Any
 
@@ -22,7 +23,9 @@ class _Bar(event.Listener):
         if self._bar is None:
             from tqdm.auto import tqdm
 
-            self._bar = tqdm(desc="compiling, once", unit=" kernels", disable=None)
+            # An argument that is given overrides what the environment says.
+            off = True if os.environ.get("TQDM_DISABLE", "0") != "0" else None
+            self._bar = tqdm(desc="compiling, once", unit=" kernels", disable=off)
             atexit.register(self._bar.close)
 
     def on_end(self, event: event.Event) -> None:
