@@ -129,7 +129,6 @@ def run_files(
             run,
             recording=_description(events, run, [f"{source}: {line}" for line in body.notes]),
             losses=dict(events.losses),
-            origin_us=events.origin_us,
             settings={
                 **run.settings,
                 "max_slip": max_slip,

@@ -100,11 +100,12 @@ def summary_dict(calibration: Calibration) -> dict[str, Any]:
 def run_dict(run: CalibrationRun) -> dict[str, Any]:
     """Return the content of a run's ``calibration.yaml``: what comparing runs needs, too."""
     systematic, rate = run.settings.get("systematic", {}), run.estimate.event_rate
-    refined = run.calibration.joint is not None
-    recording: dict[str, Any] = {"file": str(run.files["recording"]) if run.files else ""}
+    refined = getattr(run.calibration, "joint", None) is not None
+    recording: dict[str, Any] = {"file": str(run.files.get("recording", ""))}
     if rate is not None and rate.t.size:
         recording["span_s"] = [float(rate.t[0]), float(rate.t[-1] + rate.width)]
-    recording["origin_us"] = int(run.origin_us)
+    # It begins with the number: "... us, subtracted from all times".
+    recording["origin_us"] = int(run.recording.get("origin", "0").split()[0])
     vehicle = run.files.get("vehicle")
     return {
         **summary_dict(run.calibration),

@@ -117,8 +117,6 @@ class CalibrationRun(Shown):
         Where it is known.
     camera : Camera, optional
         The camera as it was given.
-    origin_us : int
-        What was subtracted from all times of the recording [us].
     """
 
     calibration: RefinedCalibration
@@ -134,7 +132,6 @@ class CalibrationRun(Shown):
     files: Mapping[str, InputFile] = field(default_factory=dict)
     truth: Truth | None = None
     camera: Camera | None = None
-    origin_us: int = 0
 
     @property
     def gap_reasons(self) -> list[tuple[str, int]]:
