@@ -13,7 +13,7 @@ import numpy as np
 
 from data_tools.simulation._random import generator
 from data_tools.simulation.drives import Drive
-from data_tools.simulation.random_drives import RECORDED, wobble
+from data_tools.simulation.random_drives import RECORDED, TURNING, wobble
 from data_tools.simulation.scenes import furnished_room
 from data_tools.simulation.sensor import Sensor
 from data_tools.simulation.simulator import FORWARD, Simulator
@@ -22,7 +22,16 @@ from evcalib import checks
 from evcalib.arrays import Floats
 from evcalib.camera import Camera
 from evcalib.geometry import rpy_to_matrix
-from evcalib.kinematics import Swerve, Wheel, WheelLog, WheelStates
+from evcalib.kinematics import (
+    Mecanum,
+    Swerve,
+    Vehicle,
+    Wheel,
+    WheelLog,
+    WheelStates,
+    body_velocities,
+)
+from evcalib.series import VelocitySeries
 
 MOTIONS = tuple(RECORDED)
 MOUNTINGS = ("forward", "sideways", "down")
@@ -34,9 +43,18 @@ VEHICLE = Swerve(
     tuple(Wheel(name, x, y) for name, x, y in
           [("fl", 0.3, 0.25), ("fr", 0.3, -0.25), ("rl", -0.3, 0.25), ("rr", -0.3, -0.25)])
 )  # fmt: skip
-"""The vehicle of all drives: four wheels that steer."""
+"""The vehicle of most drives: four wheels that steer, as those of any vehicle may be thought to."""
+
+VEHICLES: dict[str, Vehicle] = {"strafe": Mecanum(0.3, 0.25)}
+"""The vehicles of motions that are not driven by `VEHICLE`."""
 
 WHEEL_RATE = 50.0
+
+HEIGHT = 0.8
+"""Height [m] of a camera over the origin of a vehicle that keeps its heading."""
+
+LARGEST_REACH = 0.4
+"""Largest distance [m] of the camera from the origin of a vehicle that turns, seen from above."""
 
 
 @dataclass(frozen=True)
@@ -78,6 +96,8 @@ class RecordedDrive:
         True rotation.
     offset : float
         True offset [s], ``t_body = t_cam + offset``.
+    vehicle : Swerve or Mecanum
+        Whose wheels they are.
     """
 
     simulator: Simulator
@@ -85,6 +105,16 @@ class RecordedDrive:
     drive: Drive
     R_body_cam: Floats
     offset: float
+    vehicle: Vehicle = VEHICLE
+
+    @property
+    def lever(self) -> tuple[float, float, float]:
+        """Position of the camera in the body frame [m]."""
+        return self.simulator.lever
+
+    def velocities(self) -> VelocitySeries:
+        """Return what the wheels tell of the body: velocity and yaw rate, in all rows."""
+        return body_velocities(self.wheels, self.vehicle).velocities
 
 
 def record_drive(
@@ -103,10 +133,14 @@ def record_drive(
     ----------
     seed : int
         Of everything that is random.
-    motion : {"sweep", "fingers", "straight", "arc"}
+    motion : {"sweep", "fingers", "straight", "arc", "figure-eight", "slalom", "strafe", "spin", \
+"circle", "stops"}
         The direction of travel swings without end; or out and back along spread directions, with
         pauses.  Accelerations are finite.  Or a straight line, or an arc, at constant speed: these
-        cannot answer.
+        cannot answer.  The rest are vehicles that turn, their camera up to `LARGEST_REACH` off the
+        body's origin (`RecordedDrive.lever`): a differential drive's eights and a car's slalom, at
+        changing speeds; mecanum wheels that strafe and turn; turning in place; a circle at
+        constant speed; a straight line with stops.
     mounting : {"forward", "sideways", "down"}
         The camera looks ahead, with roll, pitch and yaw of up to 30 degrees; to the left or right;
         or ahead and 30 degrees down; the last two with angles of up to 10 degrees.
@@ -132,20 +166,21 @@ def record_drive(
         drive = replace(drive, yaw_rate=wobble(rng, disturbances.yaw_rate))
     R_body_cam = _mounting(rng, mounting)
     offset = float(rng.uniform(-0.5, 0.5))
+    lever = _position(rng) if motion in TURNING else (0.0, 0.0, HEIGHT)
     trajectory = Trajectory.of_drive(drive, offset=offset)
-    # The height of a camera on a small vehicle.
-    path = trajectory.position + [0.0, 0.0, 0.8]
+    path = trajectory.position + trajectory.rotation @ np.array(lever)
     simulator = Simulator(
         trajectory,
         camera,
         furnished_room(path, seed),
         R_body_cam,
+        lever,
         sensor=disturbances.sensor,
         seed=seed,
     )
-    return RecordedDrive(
-        simulator, _wheels(rng, drive, disturbances.slip), drive, R_body_cam, offset
-    )
+    vehicle = VEHICLES.get(motion, VEHICLE)
+    wheels = _wheels(rng, drive, vehicle, disturbances.slip)
+    return RecordedDrive(simulator, wheels, drive, R_body_cam, offset, vehicle)
 
 
 def _mounting(rng: np.random.Generator, mounting: str) -> Floats:
@@ -155,8 +190,18 @@ def _mounting(rng: np.random.Generator, mounting: str) -> Floats:
     return rpy_to_matrix(np.radians(middle + rng.uniform(-most, most, 3))) @ FORWARD
 
 
-def _wheels(rng: np.random.Generator, drive: Drive, slip: float) -> WheelLog:
+def _position(rng: np.random.Generator) -> tuple[float, float, float]:
+    """Draw where the camera sits: off the origin by up to `LARGEST_REACH`, 0.3 to 0.9 m high."""
+    reach, way = rng.uniform(0.0, LARGEST_REACH), rng.uniform(-np.pi, np.pi)
+    return (
+        float(reach * np.cos(way)),
+        float(reach * np.sin(way)),
+        float(rng.uniform(0.3, 0.9)),
+    )
+
+
+def _wheels(rng: np.random.Generator, drive: Drive, vehicle: Vehicle, slip: float) -> WheelLog:
     t = np.arange(rng.uniform(0, 1 / WHEEL_RATE), drive.duration, 1 / WHEEL_RATE)
-    states = VEHICLE.wheel_states(drive.velocity(t)[:, :2], drive.yaw_rate(t))
+    states = vehicle.wheel_states(drive.velocity(t)[:, :2], drive.yaw_rate(t))
     factor = 1.0 + slip * rng.standard_normal(states.speed.shape)
     return WheelLog(t, WheelStates(states.speed * factor, states.steer))
