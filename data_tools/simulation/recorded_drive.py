@@ -7,17 +7,20 @@ never seen.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from data_tools.simulation._random import generator
+from data_tools.simulation.body_effects import obeyed, sway, vibration
 from data_tools.simulation.drives import Drive
 from data_tools.simulation.random_drives import RECORDED, TURNING, wobble
 from data_tools.simulation.scenes import furnished_room
 from data_tools.simulation.sensor import Sensor
 from data_tools.simulation.simulator import FORWARD, Simulator
 from data_tools.simulation.trajectory import Trajectory
+from data_tools.simulation.wheel_effects import WHEEL_RATE, LogEffects, lateness, wheel_log
 from evcalib import checks
 from evcalib.arrays import Floats
 from evcalib.camera import Camera
@@ -28,7 +31,6 @@ from evcalib.kinematics import (
     Vehicle,
     Wheel,
     WheelLog,
-    WheelStates,
     body_velocities,
 )
 from evcalib.series import VelocitySeries
@@ -48,8 +50,6 @@ VEHICLE = Swerve(
 VEHICLES: dict[str, Vehicle] = {"strafe": Mecanum(0.3, 0.25)}
 """The vehicles of motions that are not driven by `VEHICLE`."""
 
-WHEEL_RATE = 50.0
-
 HEIGHT = 0.8
 """Height [m] of a camera over the origin of a vehicle that keeps its heading."""
 
@@ -64,16 +64,70 @@ class Disturbances:
     Attributes
     ----------
     sensor : Sensor
-        The pixels.
+        The pixels and their readout.
     slip : float
         Standard deviation of each wheel's speed, as a share of it.
     yaw_rate : float
-        The vehicle wobbles by up to so much [rad/s].
+        The vehicle wobbles by up to so much [rad/s], and its wheels tell.
+    untold_yaw_rate : float
+        The same, but the log says that it does not turn.
+    tilt : float
+        The body leans by so much as it accelerates [rad per m/s^2], see
+        `data_tools.simulation.body_effects.sway`.
+    vibration : float
+        Standard deviation, about each axis, of a body that shakes [rad].
+    vibration_band : (float, float)
+        Frequencies at which it does [Hz].
+    dead_time, bandwidth : float
+        The vehicle obeys so late [s], and its controllers are so fast [Hz], 0 for any; see
+        `data_tools.simulation.body_effects.obeyed`.
+    logs_commands : bool
+        Whether the log holds what the wheels were told, not what they did.
+    wheel_rate, wheel_low_pass, wheel_jitter, encoder_step, backlash, drop_out : float
+        What becomes of the wheels in the log: see
+        `data_tools.simulation.wheel_effects.LogEffects`.
     """
 
     sensor: Sensor = field(default_factory=Sensor)
     slip: float = 0.0
     yaw_rate: float = 0.0
+    untold_yaw_rate: float = 0.0
+    tilt: float = 0.0
+    vibration: float = 0.0
+    vibration_band: tuple[float, float] = (5.0, 15.0)
+    dead_time: float = 0.0
+    bandwidth: float = 0.0
+    logs_commands: bool = False
+    wheel_rate: float = WHEEL_RATE
+    wheel_low_pass: float = 0.0
+    wheel_jitter: float = 0.0
+    encoder_step: float = 0.0
+    backlash: float = 0.0
+    drop_out: float = 0.0
+
+    @property
+    def log(self) -> LogEffects:
+        """What spoils the wheel log."""
+        return LogEffects(
+            self.slip,
+            self.wheel_rate,
+            self.wheel_low_pass,
+            self.wheel_jitter,
+            self.encoder_step,
+            self.backlash,
+            self.drop_out,
+        )
+
+    def shake(self, rng: np.random.Generator) -> Callable[[Floats, Floats], Floats] | None:
+        """Return how the body leaves its attitude, for `Trajectory.of_drive`."""
+        if not (self.tilt or self.vibration):
+            return None
+
+        def shaken(t: Floats, acceleration: Floats) -> Floats:
+            trembling = vibration(t, self.vibration, self.vibration_band, rng)
+            return sway(t, acceleration, self.tilt) + trembling
+
+        return shaken
 
 
 ROUGH = Disturbances(Sensor(mismatch=0.1, noise_rate=1.0), slip=0.05, yaw_rate=np.radians(5.0))
@@ -95,9 +149,13 @@ class RecordedDrive:
     R_body_cam : ndarray, shape (3, 3)
         True rotation.
     offset : float
-        True offset [s], ``t_body = t_cam + offset``.
+        True offset [s], ``t_body = t_cam + offset``: the shift of the clocks, plus how late the
+        log is as a whole.  How late the pixels are is no part of it.
     vehicle : Swerve or Mecanum
         Whose wheels they are.
+    late : float
+        How late the log is as a whole [s], by least squares of logged against true velocity
+        (`data_tools.simulation.wheel_effects.lateness`).
     """
 
     simulator: Simulator
@@ -106,6 +164,7 @@ class RecordedDrive:
     R_body_cam: Floats
     offset: float
     vehicle: Vehicle = VEHICLE
+    late: float = 0.0
 
     @property
     def lever(self) -> tuple[float, float, float]:
@@ -165,9 +224,13 @@ def record_drive(
     if disturbances.yaw_rate:
         drive = replace(drive, yaw_rate=wobble(rng, disturbances.yaw_rate))
     R_body_cam = _mounting(rng, mounting)
-    offset = float(rng.uniform(-0.5, 0.5))
+    shift = float(rng.uniform(-0.5, 0.5))
     lever = _position(rng) if motion in TURNING else (0.0, 0.0, HEIGHT)
-    trajectory = Trajectory.of_drive(drive, offset=offset)
+    vehicle = VEHICLES.get(motion, VEHICLE)
+    wheels, done, late = _driven(drive, vehicle, disturbances, rng)
+    trajectory = Trajectory.of_drive(
+        done, offset=shift, shake=disturbances.shake(generator(seed, "vibration"))
+    )
     path = trajectory.position + trajectory.rotation @ np.array(lever)
     simulator = Simulator(
         trajectory,
@@ -178,9 +241,22 @@ def record_drive(
         sensor=disturbances.sensor,
         seed=seed,
     )
-    vehicle = VEHICLES.get(motion, VEHICLE)
-    wheels = _wheels(rng, drive, vehicle, disturbances.slip)
-    return RecordedDrive(simulator, wheels, drive, R_body_cam, offset, vehicle)
+    return RecordedDrive(simulator, wheels, done, R_body_cam, shift + late, vehicle, late)
+
+
+def _driven(
+    drive: Drive, vehicle: Vehicle, disturbances: Disturbances, rng: np.random.Generator
+) -> tuple[WheelLog, Drive, float]:
+    """Return the log of a vehicle that is told a drive, what it does, and how late the log is."""
+    done = obeyed(drive, disturbances.dead_time, disturbances.bandwidth)
+    effects = disturbances.log
+    wheels = wheel_log(drive if disturbances.logs_commands else done, vehicle, effects, rng)
+    apart = disturbances.logs_commands and done is not drive
+    late = lateness(wheels, vehicle, done) if apart or effects.shaping else 0.0
+    if disturbances.untold_yaw_rate:
+        wobbling, told = wobble(rng, disturbances.untold_yaw_rate), done.yaw_rate
+        done = replace(done, yaw_rate=lambda t: told(t) + wobbling(t))
+    return wheels, done, late
 
 
 def _mounting(rng: np.random.Generator, mounting: str) -> Floats:
@@ -198,10 +274,3 @@ def _position(rng: np.random.Generator) -> tuple[float, float, float]:
         float(reach * np.sin(way)),
         float(rng.uniform(0.3, 0.9)),
     )
-
-
-def _wheels(rng: np.random.Generator, drive: Drive, vehicle: Vehicle, slip: float) -> WheelLog:
-    t = np.arange(rng.uniform(0, 1 / WHEEL_RATE), drive.duration, 1 / WHEEL_RATE)
-    states = vehicle.wheel_states(drive.velocity(t)[:, :2], drive.yaw_rate(t))
-    factor = 1.0 + slip * rng.standard_normal(states.speed.shape)
-    return WheelLog(t, WheelStates(states.speed * factor, states.steer))

@@ -191,7 +191,7 @@ class Simulator:
         levels = np.log(light * sensor.light + kernels.DARK)
         kernels.start_pixels(edges[0], levels, sensor, state)
         readout = self.sensor.readout(self.seed)
-        tiles = [np.arange(k, len(view.bounds), PARTS) for k in range(PARTS)]
+        tiles = [np.arange(k, len(view.bounds), PARTS) for k in range(min(PARTS, len(view.bounds)))]
         with ThreadPoolExecutor(threads or min(os.cpu_count() or 1, 4)) as pool:
             for first in range(0, edges.size - 1, 10):
                 span = edges[first : first + 11]
