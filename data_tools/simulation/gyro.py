@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from data_tools.simulation._random import generator
 from data_tools.simulation.simulator import Simulator
@@ -59,11 +60,13 @@ def angular_rates(
     t : ndarray, shape (n,)
         Times [s], on the clock of the events.
     rate : ndarray, shape (n, 3)
-        Angular rate of the camera in its own frame [rad/s].
+        Angular rate of the camera in its own frame [rad/s], the mean over a period around `t`.
     """
-    start, end = simulator.trajectory.t[[0, -1]]
-    t = np.arange(start, end, 1 / gyro.rate)
-    truth = simulator.truth(t).rate_body @ simulator.R_body_cam
+    path, period = simulator.trajectory, 1 / gyro.rate
+    edges = np.arange(path.t[0], path.t[-1], period)
+    t = 0.5 * (edges[1:] + edges[:-1])
+    attitude = Rotation.from_matrix(path.rotation_at(edges) @ simulator.R_body_cam)
+    truth = (attitude[:-1].inv() * attitude[1:]).as_rotvec() / period
     noise = generator(seed, "gyro").standard_normal(truth.shape)
     # White noise of a density is that over half the rate, up to which samples hold it.
     sd = gyro.noise * np.sqrt(0.5 * gyro.rate)
