@@ -73,8 +73,9 @@ def calibrate(
         float | None, typer.Option(help="Leave out wheel rows that slip more, in m/s.")
     ] = None,
     max_yaw_rate: Annotated[
-        float, typer.Option(help="Leave out wheel rows that turn faster, in rad/s.")
-    ] = 0.5,
+        float | None,
+        typer.Option(help="Leave out rows that turn faster, in rad/s; turning is no fault."),
+    ] = None,
     columns: Columns = None,
     topic: Topic = None,
     wheel_radius: WheelRadius = None,
