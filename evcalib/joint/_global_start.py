@@ -218,9 +218,7 @@ def _sphere(count: int) -> Floats:
     return np.stack([r * np.cos(turn), r * np.sin(turn), z], axis=1)
 
 
-def _scanned(
-    pairs: _Pairs, position: Floats, focal: float, max_offset: float
-) -> list[_Candidate]:
+def _scanned(pairs: _Pairs, position: Floats, focal: float, max_offset: float) -> list[_Candidate]:
     """Return the best candidates of the scan, no two of them neighbours."""
     half = int(np.ceil(max_offset / OFFSET_STEP))
     offsets = np.linspace(-max_offset, max_offset, 2 * half + 1)

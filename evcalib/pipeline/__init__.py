@@ -3,6 +3,7 @@
 from evcalib._moved import leftovers
 from evcalib.pipeline._assessment import RefinedCalibration, finish
 from evcalib.pipeline._calibrate import calibrate, calibrate_estimate
+from evcalib.pipeline._position import Unknown
 from evcalib.pipeline._run import CalibrationRun, Gating, InputFile, Truth
 
 __all__ = [
@@ -11,6 +12,7 @@ __all__ = [
     "InputFile",
     "RefinedCalibration",
     "Truth",
+    "Unknown",
     "calibrate",
     "calibrate_estimate",
     "finish",
