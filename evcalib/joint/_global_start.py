@@ -199,15 +199,16 @@ def global_start(
 def _spread(tracks: Tracks, most: int, rng: np.random.Generator) -> Integers:
     """Return rows of pairs, drawn evenly over time, in order of time."""
     span = tracks.t2 - tracks.t1
-    usable = np.flatnonzero(span <= max(SPAN, float(np.quantile(span, 0.2)))) if span.size else span
-    usable = rng.permutation(usable.astype(np.int64))
-    stretch = bins(tracks.t1[usable] - tracks.t1.min(initial=np.inf), SPAN)
+    if not span.size:
+        return np.empty(0, dtype=np.int64)
+    usable = rng.permutation(np.flatnonzero(span <= max(SPAN, float(np.quantile(span, 0.2)))))
+    stretch = bins(tracks.t1[usable] - tracks.t1.min(), SPAN)
     order = np.argsort(stretch, kind="stable")
     usable, stretch = usable[order], stretch[order]
     rank = np.arange(usable.size) - np.searchsorted(stretch, stretch)
     # The k-th of each stretch comes before the (k + 1)-th of any.
     chosen = usable[np.argsort(rank, kind="stable")][:most]
-    return chosen[np.argsort(tracks.t1[chosen], kind="stable")]
+    return np.asarray(chosen[np.argsort(tracks.t1[chosen], kind="stable")], dtype=np.int64)
 
 
 def _sphere(count: int) -> Floats:

@@ -21,7 +21,7 @@ from evcalib.heading import HeadingEstimate, estimate_headings
 from evcalib.joint import SYSTEMATIC, JointRefinement, Systematic
 from evcalib.joint.tracks import tracks_of
 from evcalib.kinematics import MAX_REACH, BodyVelocities
-from evcalib.kinematics.velocity_track import velocity_track
+from evcalib.kinematics.velocity_track import VelocityTrack, velocity_track
 from evcalib.pipeline._assessment import RefinedCalibration, finish, keep, offset_observable
 from evcalib.pipeline._by_turning import Stage, by_turning
 from evcalib.pipeline._position import Told, positioned

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -65,7 +66,7 @@ def derotated(
     ends = np.searchsorted(window[order], np.arange(window.max(initial=-1) + 2))
     rows: list[tuple[float, ...]] = []
     directions, covariances, gaps = [], [], []
-    for low, high in zip(ends[:-1], ends[1:], strict=True):
+    for low, high in pairwise(ends):
         part = order[low:high][:: max((high - low) // MOST, 1)]
         if part.size == 0:
             continue

@@ -26,9 +26,7 @@ FIGURE_EIGHTS = (
     " to either side: they show the rotation, the offset and where the camera sits (x, y)."
 )
 
-HEIGHT = (
-    "Measure the height and give it (camera_height, --camera-height): motion in a plane hides it."
-)
+HEIGHT = "Measure the height and give it (camera_height, --camera-height)."
 
 
 class Told(NamedTuple):

@@ -29,7 +29,7 @@ def turning_beyond_noise(velocities: VelocitySeries, track: VelocityTrack) -> fl
     if velocities.yaw_rate is None or len(velocities) < 2:
         return 0.0
     rate, variance = _blocks(velocities, track, np.arange(len(velocities)))
-    return float(np.sqrt(max(np.mean(rate**2) - variance, 0.0)))
+    return float(np.sqrt(max(float(np.mean(rate**2)) - variance, 0.0)))
 
 
 def yaw_rate_changes(
