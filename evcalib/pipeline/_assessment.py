@@ -251,9 +251,9 @@ def doubts_of(joint: JointRefinement, headings: HeadingSeries) -> tuple[str, ...
             " whatever the rotation: check the camera's focal length and principal point, and"
             " whether wheels slip to one side."
         )
-    if joint.turning > TURNING:
+    if joint.turning[2] > TURNING:
         doubts.append(
-            f"The body turns by {np.degrees(joint.turning):.1f} deg/s (rms) that the odometry does"
+            f"The body turns by {np.degrees(joint.turning[2]):.1f} deg/s (rms) that the odometry does"
             " not tell."
         )
     return tuple(doubts)
