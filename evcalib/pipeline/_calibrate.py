@@ -18,11 +18,13 @@ from evcalib.camera import Camera
 from evcalib.errors import InputError, NoAnswerError
 from evcalib.events import Events
 from evcalib.heading import HeadingEstimate, estimate_headings
+from evcalib.imu import ImuSeries
 from evcalib.joint import SYSTEMATIC, Systematic, refine_jointly
 from evcalib.joint.tracks import tracks_of
 from evcalib.kinematics import MAX_REACH, BodyVelocities
 from evcalib.kinematics.velocity_track import velocity_track
 from evcalib.pipeline._assessment import RefinedCalibration, finish, keep, offset_observable
+from evcalib.pipeline._gyro import Gyro, against_events, doubted, gyro_of
 from evcalib.pipeline._run import CalibrationRun, Gating, package_versions
 from evcalib.series import VelocitySeries, clocks_apart
 
@@ -44,6 +46,8 @@ def calibrate(
     max_offset: float = 1.0,
     offset: float | None = None,
     camera_position: tuple[float, float, float] | None = None,
+    imu: ImuSeries | None = None,
+    R_cam_imu: Floats | str | None = None,
     refinement: str = "tracks",
     systematic: Systematic = SYSTEMATIC,
     surface: str = "tos_ts",
@@ -73,6 +77,13 @@ def calibrate(
     camera_position : tuple of float, optional
         Where the camera sits in the body frame (x, y, z) [m].  When the body turns, a camera away
         from its origin moves otherwise than the origin; taken to be at it if not given.
+    imu : ImuSeries, optional
+        Of the camera, on its clock.  Its gyro then tells how the camera turns between sightings:
+        pitch, roll and vibration too.  Its bias is taken from the mean of the drive, then from the
+        events.
+    R_cam_imu : array_like, shape (3, 3), or "estimate", optional
+        From the axes of the IMU to those of the camera; the same axes if not given.  Estimated, the
+        events correct it by up to some 30 degrees.
     refinement : {"tracks", "none"}
         Whether to refine; ``none`` is the paper's chain.
     systematic : Systematic
@@ -90,7 +101,8 @@ def calibrate(
     Raises
     ------
     InputError
-        If an input is of another type or unusable, or the two clocks do not overlap.
+        If an input is of another type or unusable, the two clocks do not overlap, or wheels or
+        events contradict the gyro.
     NoAnswerError
         If there are too few headings; it tells why most windows have none.
 
@@ -119,18 +131,29 @@ def calibrate(
         )
     body = velocities.velocities if isinstance(velocities, BodyVelocities) else velocities
     timings: dict[str, float] = {}
+    estimating = isinstance(R_cam_imu, str)
+    if estimating:
+        checks.one_of(R_cam_imu, "R_cam_imu", ("estimate",))
+    given = None if R_cam_imu is None or isinstance(R_cam_imu, str) else R_cam_imu
+    if imu is None and R_cam_imu is not None:
+        raise InputError("R_cam_imu says how an IMU is turned: give imu as well, or leave it out")
+    gyro = None if imu is None else gyro_of(imu, given, body, max_offset)
     with _stage("headings", on_stage, timings):
         estimate = estimate_headings(
             _overlapping(events, body, max_offset),
             camera,
+            attitude=None if gyro is None else gyro.attitude,
             surface=surface,
             rate=rate,
             seed=seed,
             keep_correspondences=True,
         )
+        if gyro is not None and imu is not None:
+            gyro, estimate = against_events(gyro, imu, estimate, turn=estimating)
     final = calibrate_estimate(
         estimate,
         body,
+        gyro=gyro,
         focal=camera.focal,
         max_offset=max_offset,
         offset=offset,
@@ -143,6 +166,7 @@ def calibrate(
     settings: dict[str, Any] = {
         **final.settings,
         "camera_position": None if camera_position is None else tuple(map(float, lever)),
+        "imu": None if gyro is None else gyro.settings(),
         "refinement": refinement,
         "systematic": asdict(systematic),
         "surface": surface,
@@ -150,6 +174,7 @@ def calibrate(
     }
     return CalibrationRun(
         calibration=final,
+        gyro=gyro,
         estimate=estimate,
         velocities=body,
         gating=Gating.of(velocities) if isinstance(velocities, BodyVelocities) else None,
@@ -164,6 +189,7 @@ def calibrate_estimate(
     velocities: VelocitySeries,
     *,
     focal: float,
+    gyro: Gyro | None = None,
     max_offset: float = 1.0,
     offset: float | None = None,
     lever: tuple[float, ...] = (0.0, 0.0, 0.0),
@@ -184,6 +210,8 @@ def calibrate_estimate(
         Motion of the body.
     focal : float
         Pixels per radian, to speak of pixels.
+    gyro : Gyro, optional
+        What turned the matches back, where one did.
     lever : tuple of float
         Position of the camera in the body frame [m].
     stage : callable
@@ -203,9 +231,12 @@ def calibrate_estimate(
             estimate.headings, velocities, max_offset=max_offset, offset=offset, seed=seed
         )
     if refinement == "none":
-        return RefinedCalibration.after(aligned).widened(shared)
-    with stage("refinement"):
-        final = _refined(aligned, estimate, velocities, focal, max_offset, systematic, lever)
+        final = RefinedCalibration.after(aligned)
+    else:
+        with stage("refinement"):
+            final = _refined(aligned, estimate, velocities, focal, max_offset, systematic, lever)
+    if gyro is not None:
+        final = doubted(final, gyro.doubts(final))
     return final.widened(shared)
 
 
