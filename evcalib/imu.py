@@ -8,6 +8,7 @@ camera is ``Q(t)``, from the camera's axes at t to those at the start.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,7 +18,8 @@ from evcalib import checks
 from evcalib.arrays import Flags, Floats, Integers
 from evcalib.display import Shown
 from evcalib.errors import InputError
-from evcalib.series import segments
+from evcalib.series import bins, segments
+from evcalib.uncertainty import white_noise
 
 MAX_RATE = 40.0
 """Rates above this [rad/s] are taken for degrees.
@@ -245,34 +247,63 @@ def yaw_agreement(
     YawAgreement
         With the axis where the yaw rate tells it.
     """
-    mean, sd = imu.rate.mean(axis=0), BIAS_SD
+    mean = imu.rate.mean(axis=0)
     if yaw_rate is None:
-        return YawAgreement(mean, sd, None, np.inf)
+        return YawAgreement(mean, BIAS_SD, None, np.inf)
     times, yaw = np.asarray(t, dtype=np.float64), np.asarray(yaw_rate, dtype=np.float64)
-    best = (np.inf, mean, np.zeros(3), np.inf, 0.0)
-    for offset in np.arange(-max_offset, max_offset + STEP, STEP):
-        at = imu.t + offset
-        inside = (at >= times[0]) & (at <= times[-1])
-        if inside.sum() < 0.5 * inside.size:
-            continue
-        told = np.interp(at[inside], times, yaw)
-        spread = float(np.sum((told - told.mean()) ** 2))
-        rate = imu.rate[inside]
-        axis = (told - told.mean()) @ rate / spread if spread > 0 else np.zeros(3)
-        rest = rate - rate.mean(axis=0) - np.outer(told - told.mean(), axis)
-        loss = float(np.mean(rest**2))
-        if loss < best[0]:
-            # Rates of a vehicle go together over some tenths of a second: so many are independent.
-            count = max((at[inside][-1] - at[inside][0]) / MEMORY, 2.0)
-            error = np.sqrt(loss / count / max(np.var(told), 1e-12))
-            bias = rate.mean(axis=0) - axis * told.mean()
-            best = (loss, bias, axis, float(error), float(np.abs(told.mean())))
-    _, bias, axis, error, turning = best
-    if error < TELLING:
-        return YawAgreement(bias, float(np.hypot(sd, error * turning)), axis, error)
+    noise = float(white_noise(yaw[:, None], segments(times, GAP))[0])
+    noise *= float(np.sqrt(min(np.median(np.diff(times)) / BLOCK, 1.0)))
+    fits = [
+        fit
+        for offset in np.arange(-max_offset, max_offset + STEP, STEP)
+        if (fit := _yaw_fit(imu, times, yaw, float(offset), noise)) is not None
+    ]
+    if not fits:
+        return YawAgreement(mean, BIAS_SD, None, np.inf)
+    best = min(fits, key=lambda fit: fit.loss)
+    if best.axis_sd < TELLING:
+        bias_sd = float(np.hypot(BIAS_SD, best.axis_sd * best.turning))
+        return YawAgreement(best.bias, bias_sd, best.axis, best.axis_sd)
     # Neither the axis nor what a mean yaw rate leaves in the bias is known.
-    return YawAgreement(mean, float(np.hypot(sd, turning)), None, error)
+    return YawAgreement(mean, float(np.hypot(BIAS_SD, best.turning)), None, best.axis_sd)
 
+
+class _YawFit(NamedTuple):
+    loss: float
+    bias: Floats
+    axis: Floats
+    axis_sd: float
+    turning: float
+
+
+def _yaw_fit(
+    imu: ImuSeries, t: Floats, yaw: Floats, offset: float, noise: float
+) -> _YawFit | None:
+    """Fit the rates to a yaw rate at one offset, by means over blocks; None without overlap."""
+    at = imu.t + offset
+    inside = (at >= t[0]) & (at <= t[-1])
+    if inside.sum() < 0.5 * inside.size:
+        return None
+    block = bins(at[inside] - at[inside][0], BLOCK)
+    count = np.maximum(np.bincount(block), 1)[:, None]
+    values = np.column_stack([np.interp(at[inside], t, yaw), imu.rate[inside]])
+    means = np.stack([np.bincount(block, column) for column in values.T], axis=1) / count
+    told, rate = means[:, 0], means[:, 1:]
+    spread = told - told.mean()
+    variance = float(np.mean(spread**2)) - noise**2
+    if variance <= 9.0 * noise**2 or len(told) < 4:
+        # What changes is noise for the most part, which makes any axis too short.
+        return _YawFit(np.inf, rate.mean(axis=0), np.zeros(3), np.inf, float(abs(told.mean())))
+    axis = spread @ (rate - rate.mean(axis=0)) / len(told) / variance
+    rest = rate - rate.mean(axis=0) - np.outer(spread, axis)
+    loss = float(np.mean(rest**2))
+    independent = max((at[inside][-1] - at[inside][0]) / MEMORY, 2.0)
+    sd = float(np.sqrt(loss / independent / variance))
+    return _YawFit(loss, rate.mean(axis=0) - axis * told.mean(), axis, sd, float(abs(told.mean())))
+
+
+BLOCK = 0.1
+"""Rates are compared by their means over so much time [s]: noise of single rows goes, turns stay."""
 
 MEMORY = 0.3
 """Time over which rates of a vehicle go together [s].  A choice of the order of its controllers."""

@@ -230,6 +230,8 @@ def calibrate_estimate(
         aligned = align(
             estimate.headings, velocities, max_offset=max_offset, offset=offset, seed=seed
         )
+    if gyro is not None:
+        velocities = gyro.yaw_for(velocities, aligned)
     if refinement == "none":
         final = RefinedCalibration.after(aligned)
     else:

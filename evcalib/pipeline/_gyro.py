@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from evcalib import checks
+from evcalib.alignment import Calibration
 from evcalib.arrays import Floats
 from evcalib.display import Shown
 from evcalib.errors import InputError
@@ -27,6 +28,10 @@ degrees for radians are 57.  Choices: wheels that slip are off by some percent."
 TURNED, WRONGLY_TURNED = np.radians(3.0), np.radians(15.0)
 """A gyro that is turned by so much [rad] against what was given is told, or refused.  Choices: a
 gyro is mounted by hand to a degree or two; in a wrong axis it is off by 90 degrees."""
+
+
+UPRIGHT = np.radians(1.0)
+"""Turn that is left to a gyro while its bias is found [rad]: as exactly as one is mounted."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +68,18 @@ class Gyro(Shown):
             "R_cam_imu": self.R_cam_imu.tolist(),
             "samples": int(self.attitude.t.size),
         }
+
+    def yaw_for(self, velocities: VelocitySeries, aligned: Calibration) -> VelocitySeries:
+        """Return velocities with the yaw rate of the gyro, where they have none.
+
+        The body's z axis is that of the alignment, if it determines rotation and offset.
+        """
+        answers = aligned.rotation_observable and aligned.offset_observable
+        if velocities.yaw_rate is not None or not answers:
+            return velocities
+        up = aligned.R_body_cam[2]
+        yaw = np.interp(velocities.t - aligned.offset, self.attitude.t, self.attitude.rate @ up)
+        return replace(velocities, yaw_rate=yaw)
 
     def doubts(self, calibration: RefinedCalibration) -> tuple[str, ...]:
         """Return what the gyro says against a calibration: its axis of yaw is not the body's z."""
@@ -122,7 +139,8 @@ def against_events(
     InputError
         If the events contradict how the gyro is turned.
     """
-    error = gyro_error(estimate, gyro.attitude, bias_sd=2.0 * gyro.yaw.bias_sd)
+    bias_sd = 2.0 * gyro.yaw.bias_sd
+    error = gyro_error(estimate, gyro.attitude, bias_sd=bias_sd)
     if error is None:
         return gyro, estimate
     told = error.angle_sd < TURNED
@@ -144,6 +162,11 @@ def against_events(
             f"the gyro is turned by {off} against what was given, by the events"
             " (--imu-rotation estimate corrects that)"
         )
+    if not small.any():
+        # A turn that is not corrected must not take a part of the bias with it.
+        alone = gyro_error(estimate, gyro.attitude, bias_sd=bias_sd, turn_sd=UPRIGHT)
+        assert alone is not None
+        error = replace(error, bias=alone.bias)
     R = rotation_vector_to_matrix(small) @ gyro.R_cam_imu
     # The bias was found in the axes of the camera as these were taken to be.
     bias = gyro.bias + gyro.R_cam_imu.T @ error.bias
