@@ -78,7 +78,7 @@ def estimate_of(drive, attitude=None):
     return windows.result(Counts(keyframes=drive.sightings.t.size))
 
 
-def calibrated(drive, imu=None, *, R_cam_imu=None, turn=False, max_offset=1.0, lever=(0, 0, 0)):
+def calibrated(drive, imu=None, *, R_cam_imu=None, turn=False, max_offset=1.0, position=None):
     """Return the calibration, with a gyro or without, and what became of the gyro."""
     gyro = None
     if imu is not None:
@@ -88,6 +88,6 @@ def calibrated(drive, imu=None, *, R_cam_imu=None, turn=False, max_offset=1.0, l
         gyro, estimate = against_events(gyro, imu, estimate, turn=turn)
     final = calibrate_estimate(
         estimate, drive.velocities, focal=drive.camera.focal, gyro=gyro,
-        max_offset=max_offset, lever=lever,
+        max_offset=max_offset, camera_position=position,
     )  # fmt: skip
     return final, gyro

@@ -224,6 +224,19 @@ def _step(
     return step, np.linalg.inv(information) if covariance is None else covariance, noise
 
 
+def as_seen(found: Correspondences, attitude: Attitude) -> Correspondences:
+    """Return correspondences as the camera saw them, those of which an attitude turned back.
+
+    Parameters
+    ----------
+    found : Correspondences
+        Turned back.
+    attitude : Attitude
+        By this.
+    """
+    return replace(found, r2=attitude.between(found.t2, found.t1).apply(found.r2))
+
+
 def restabilised(found: Correspondences, old: Attitude, new: Attitude) -> Correspondences:
     """Return correspondences turned back by another attitude than the one they were made with.
 
@@ -234,5 +247,5 @@ def restabilised(found: Correspondences, old: Attitude, new: Attitude) -> Corres
     old, new : Attitude
         Of the same times.
     """
-    raw = old.between(found.t1, found.t2).inv().apply(found.r2)
-    return replace(found, r2=new.between(found.t1, found.t2).apply(raw))
+    r2 = as_seen(found, old).r2
+    return replace(found, r2=new.between(found.t1, found.t2).apply(r2))

@@ -14,12 +14,6 @@ from evcalib.series import bins
 SHORTEST = 2
 """Fewest observations after the first: two displacements of one corner can be compared."""
 
-STRETCH = 0.05
-"""Tracks that start within so much time [s] form a group, with one yaw-rate bias.  A choice:
-shorter than a track by far, so that noise of the yaw rate is followed, long enough for several
-corners."""
-
-
 @dataclass(frozen=True, eq=False)
 class Tracks(Shown):
     """Corners at a first time and at later ones.
@@ -42,11 +36,6 @@ class Tracks(Shown):
 
     def __len__(self) -> int:
         return int(self.first.size) - 1
-
-    @property
-    def group(self) -> Integers:
-        """Number of the stretch of time that each starts in, from 0, shape (k,)."""
-        return self.stretch(STRETCH)
 
     @property
     def length(self) -> Integers:
