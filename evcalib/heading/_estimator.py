@@ -53,6 +53,7 @@ class HeadingEstimator:
             camera.focal,
             self._match,
             attitude=attitude,
+            size=(camera.width, camera.height),
             on_heading=self._snapshots.offer,
         )
 

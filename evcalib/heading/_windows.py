@@ -33,6 +33,8 @@ class HeadingWindows(Generic[K]):
         Matches of two keyframes, the earlier first; None without any.
     attitude : Attitude, optional
         How the camera turns; it is taken not to turn where not given.
+    size : tuple of int, optional
+        Width and height of the sensor [px]; without it matches may all be in one place.
     on_heading : callable
         Called with the keyframes at hand, the matches of the window and its fit.
     """
@@ -44,9 +46,10 @@ class HeadingWindows(Generic[K]):
         match: Callable[[K, K], KeyframeMatches | None],
         *,
         attitude: Attitude | None = None,
+        size: tuple[int, int] | None = None,
         on_heading: Callable[[Sequence[K], KeyframeMatches, Fit], object] = lambda *_: None,
     ) -> None:
-        self._options, self._focal = options, focal
+        self._options, self._focal, self._size = options, focal, size
         self._match, self._on_heading, self._attitude = match, on_heading, attitude
         self._lag = options.steps // 2 + 1
         self._keyframes: deque[K] = deque(maxlen=2 * self._lag + 1)
@@ -100,7 +103,7 @@ class HeadingWindows(Generic[K]):
                 return
             seen = stabilised(matches, self._attitude, self._focal)
         straight = seen if self._attitude is None else at_middle(seen, self._attitude)
-        found = fit(straight, self._options, self._focal)
+        found = fit(straight, self._options, self._focal, self._size)
         if isinstance(found, Fit) and self._found and found.t <= self._found[-1].t:
             found = NOT_NEWER
         if self._kept is not None:
