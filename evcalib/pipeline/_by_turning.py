@@ -13,11 +13,13 @@ from evcalib.alignment.verdict import judge
 from evcalib.arrays import Floats
 from evcalib.errors import InputError, NoAnswerError
 from evcalib.heading import HeadingEstimate
+from evcalib.heading.gyro import as_seen
 from evcalib.joint import JointRefinement, global_start
 from evcalib.joint.tracks import tracks_of
 from evcalib.kinematics.velocity_track import VelocityTrack, smoothed, velocity_track
 from evcalib.pipeline._assessment import RefinedCalibration, finish, offset_observable
 from evcalib.pipeline._derotation import at_camera, derotated
+from evcalib.pipeline._gyro import doubted
 from evcalib.pipeline._position import positioned
 from evcalib.pipeline._refinement import Asked, Refiner
 from evcalib.series import VelocitySeries
@@ -62,11 +64,14 @@ def by_turning(
         If there are too few sightings, or no headings even so.
     """
     assert estimate.correspondences is not None
-    tracks = tracks_of(estimate.correspondences)
+    found, gyro = estimate.correspondences, asked.gyro
+    tracks = tracks_of(found)
+    # The global start takes the turning out by the odometry's yaw.
+    seen = tracks if gyro is None else tracks_of(as_seen(found, gyro.attitude))
     refine = Refiner(tracks, velocities, track, turning, asked)
     with stage("global start"):
         start = global_start(
-            tracks,
+            seen,
             velocities,
             track,
             focal=asked.focal,
@@ -90,17 +95,19 @@ def by_turning(
             f"only {len(tracks)} corners were seen again and again: too few to refine"
         )
     with stage("alignment"):
-        seen, moved = _headings(estimate, velocities, track, joint, asked)
-        aligned = _aligned(seen, moved, asked)
+        headings, moved = _headings(estimate, velocities, track, joint, asked)
+        aligned = _aligned(headings, moved, asked)
     if known:
         final = finish(
-            aligned, joint, seen.headings, velocity_track(moved), asked.max_offset, turning=turning
+            aligned, joint, headings.headings, velocity_track(moved), asked.max_offset, turning=turning
         )
     else:
         final = _at_offset(aligned, joint, turning, asked)
     final = final.widened(velocities.direction_sd)
+    if gyro is not None:
+        final = doubted(final, gyro.doubts(final))
     trusted = known or asked.offset is not None
-    return positioned(final, asked.told, turning, free, trusted=trusted), seen
+    return positioned(final, asked.told, turning, free, trusted=trusted), headings
 
 
 def _headings(
@@ -120,7 +127,9 @@ def _headings(
         return np.interp(t + joint.offset, track.t, yaw)
 
     axis = joint.R_body_cam[2]
-    seen = derotated(estimate, axis, turned, focal=asked.focal, seed=asked.seed)
+    seen = estimate
+    if asked.gyro is None:
+        seen = derotated(estimate, axis, turned, focal=asked.focal, seed=asked.seed)
     told = replace(velocities, yaw_rate=rate)
     return seen, at_camera(told, joint.position)
 

@@ -9,6 +9,7 @@ from evcalib.arrays import Floats
 from evcalib.joint import JointRefinement, Systematic, refine_jointly
 from evcalib.joint.tracks import Tracks
 from evcalib.kinematics.velocity_track import VelocityTrack
+from evcalib.pipeline._gyro import Gyro
 from evcalib.pipeline._position import Told, contradicts
 from evcalib.pipeline._turning import TURNS
 from evcalib.series import VelocitySeries
@@ -24,6 +25,7 @@ class Asked(NamedTuple):
     refinement: str
     systematic: Systematic
     seed: int
+    gyro: Gyro | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,4 +82,5 @@ class Refiner:
             max_offset=self.asked.max_offset,
             systematic=self.asked.systematic,
             lever=lever,
+            stabilised=self.asked.gyro is not None,
         )

@@ -14,6 +14,7 @@ from evcalib.display import Shown
 from evcalib.heading import HeadingEstimate
 from evcalib.kinematics import BodyVelocities
 from evcalib.pipeline._assessment import RefinedCalibration
+from evcalib.pipeline._gyro import Gyro
 from evcalib.series import VelocitySeries
 
 PACKAGES = ("evcalib", "numpy", "scipy", "numba", "opencv-python-headless", "matplotlib")
@@ -114,6 +115,8 @@ class CalibrationRun(Shown):
         Role to file, the recording first.
     truth : Truth, optional
         Where it is known.
+    gyro : Gyro, optional
+        What the camera's IMU gave, where one was used.
     """
 
     calibration: RefinedCalibration
@@ -128,6 +131,7 @@ class CalibrationRun(Shown):
     command: str = ""
     files: Mapping[str, InputFile] = field(default_factory=dict)
     truth: Truth | None = None
+    gyro: Gyro | None = None
 
     @property
     def gap_reasons(self) -> list[tuple[str, int]]:
