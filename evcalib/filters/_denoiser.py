@@ -119,7 +119,7 @@ class Denoiser:
         self._state = kernels.State(
             last=np.full((2, height + 2, width + 2), kernels.NEVER),
             hot=np.zeros(self.shape, dtype=np.bool_),
-            count=np.zeros(self.shape, dtype=np.int32),
+            fired=np.zeros(self.shape, dtype=np.int32),
             alone=np.zeros(self._areas.shape, dtype=np.int32),
         )
         self._heat = np.zeros(self.shape)
@@ -210,7 +210,7 @@ class Denoiser:
         self._recent.append(rate)
         self._rates.append(rate)
         # A mean over REMEMBERED periods, in events per second.
-        kernels.warm(self._heat, state.count, 1e6 / PERIOD_US, 1.0 / REMEMBERED)
+        kernels.warm(self._heat, state.fired, 1e6 / PERIOD_US, 1.0 / REMEMBERED)
         kernels.find_hot(self._heat, HOT, HOT_LEAST, state.hot)
         state.alone[:] = 0
         self.noise = replace(

@@ -18,7 +18,7 @@ class State(NamedTuple):
 
     last: np.ndarray  # (2, height + 2, width + 2) int64, last event of each polarity [us]
     hot: np.ndarray  # (height, width) bool, pixels that are left out
-    count: np.ndarray  # (height, width) int32, events of this period
+    fired: np.ndarray  # (height, width) int32, events of this period
     alone: np.ndarray  # (rows, columns) int32, of each block the events without any neighbour
 
 
@@ -48,11 +48,11 @@ def neighbours(events, state, limits, supported):
     _, rows, stride = state.last.shape
     last, size = state.last.reshape(-1), rows * stride
     columns = state.alone.shape[1]
-    alone, hot, count = state.alone.reshape(-1), state.hot.reshape(-1), state.count.reshape(-1)
+    alone, hot, fired = state.alone.reshape(-1), state.hot.reshape(-1), state.fired.reshape(-1)
     for i in range(events.t.size):
         x, y, t = np.int64(events.x[i]), np.int64(events.y[i]), events.t[i]
         pixel = y * (stride - 2) + x
-        count[pixel] += 1
+        fired[pixel] += 1
         if hot[pixel]:
             supported[i] = False
             continue
@@ -76,9 +76,9 @@ def neighbours(events, state, limits, supported):
 
 
 @jit
-def warm(heat, count, rate, share):
-    """Move `heat` towards ``rate * count`` by a share of the way, and set `count` to zero."""
-    flat, counts = heat.reshape(-1), count.reshape(-1)
+def warm(heat, fired, rate, share):
+    """Move `heat` towards ``rate * fired`` by a share of the way, and set `fired` to zero."""
+    flat, counts = heat.reshape(-1), fired.reshape(-1)
     for i in range(flat.size):
         flat[i] += share * (rate * counts[i] - flat[i])
         counts[i] = 0
