@@ -13,7 +13,7 @@ from data_tools.logs.wheel_logs import write_wheel_log
 from data_tools.recordings.convert import convert
 from data_tools.runs.headings import with_progress
 from data_tools.simulation.drives import s_curve
-from data_tools.simulation.recorded_drive import VEHICLE, Disturbances, RecordedDrive, record_drive
+from data_tools.simulation.recorded_drive import Disturbances, RecordedDrive, record_drive
 from data_tools.simulation.sensor import Sensor
 from data_tools.simulation.streams import Noise, SyntheticStreams, simulate
 from evcalib.alignment import Calibration
@@ -57,8 +57,8 @@ def write_demo(folder: str | Path, drive: RecordedDrive) -> dict[str, Path]:
     lens = drive.simulator.camera
     text = f"{lens.fx} {lens.fy} {lens.cx} {lens.cy} 0 0 0 0 0\n"
     write_file(paths["camera"], lambda path: path.write_text(text, encoding="ascii"))
-    write_file(paths["wheels"], lambda path: write_wheel_log(path, drive.wheels, VEHICLE))
-    write_file(paths["vehicle"], lambda path: write_vehicle(path, VEHICLE))
+    write_file(paths["wheels"], lambda path: write_wheel_log(path, drive.wheels, drive.vehicle))
+    write_file(paths["vehicle"], lambda path: write_vehicle(path, drive.vehicle))
     convert(_Simulated(drive), paths["recording"])
     return paths
 

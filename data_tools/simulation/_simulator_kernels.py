@@ -43,11 +43,18 @@ class Poses(NamedTuple):
 
 
 class Sensor(NamedTuple):
-    """Settings shared by all pixels."""
+    """Settings shared by all pixels; with `plain` none but the first three count."""
 
+    plain: bool
     refractory: float  # [us]
-    noise_rate: float  # events per microsecond and pixel
     seed: np.uint64
+    light: float  # of the scene
+    cutoff: float  # bandwidth [rad/us] where the light is 1; 0 for none
+    shot: float  # noise events per microsecond where it is dark
+    leak: float  # fall of the reference [log intensity per us]
+    flicker: float  # depth
+    pulse: float  # of the lamps [rad/us]
+    step: float  # longest straight piece of the light while lamps flicker [us]
 
 
 # Columns of the state of the pixels, one row each.
@@ -58,6 +65,17 @@ NOISE_AT = 3  # next noise event [us]
 DRAWS = 4  # noise events drawn so far
 ON = 5  # ON threshold
 OFF = 6  # OFF threshold, positive
+RATE = 7  # noise events per microsecond, before those of bright pixels are thinned out
+SCENE = 8  # log intensity of the scene under steady light
+PASSED = 9  # what the low-pass made of it
+COLUMNS = 10
+
+BRIGHT_SHOT = 0.25
+"""Share of the shot noise that is left where the light is 1: v2e's SHOT_NOISE_INTEN_FACTOR."""
+
+STILL, FINEST = 0.01, 64
+"""A pixel whose light is within so much of what the low-pass holds needs no finer steps; and the
+largest number of them between two renders."""
 
 
 class Buffer(NamedTuple):
@@ -86,7 +104,7 @@ def draw_noise(i, after, sensor, state):
     """Set a pixel's next noise event beyond `after` [us]: a Poisson process."""
     while state[i, NOISE_AT] <= after:
         u = hashed(sensor.seed, i, 2.0 * state[i, DRAWS])
-        state[i, NOISE_AT] -= math.log(1.0 - u) / sensor.noise_rate
+        state[i, NOISE_AT] -= math.log(1.0 - u) / state[i, RATE]
         state[i, DRAWS] += 1.0
 
 
@@ -99,6 +117,14 @@ def emit(i, t, p, buffer):
         buffer.t[n] = np.int64(math.ceil(t))
         buffer.pixel[n] = i
         buffer.p[n] = p
+
+
+@jit
+def is_thinned(i, sensor, state):
+    """Say whether a noise event of a pixel is left out, because the pixel is too bright for it."""
+    bright = min(math.exp(state[i, SCENE]), 1.0)
+    excess = (1.0 - BRIGHT_SHOT) * sensor.shot * bright / state[i, RATE]
+    return hashed(sensor.seed, i + (1 << 40), state[i, DRAWS]) < excess
 
 
 @jit
@@ -140,6 +166,9 @@ def advance(i, t0, t1, l1, sensor, state, buffer):
             break
         now = when
         if noise < crossing:
+            if sensor.shot > 0.0 and is_thinned(i, sensor, state):
+                draw_noise(i, noise, sensor, state)
+                continue
             rising = hashed(sensor.seed, i, 2.0 * state[i, DRAWS] + 1.0) < 0.5
             target = l0 + slope * (noise - t0)
             draw_noise(i, noise, sensor, state)
@@ -149,6 +178,48 @@ def advance(i, t0, t1, l1, sensor, state, buffer):
             state[i, READY] = now + sensor.refractory
             reference = math.nan
     state[i, REFERENCE] = reference
+
+
+@jit
+def lamps(t, sensor):
+    """Return what flickering lamps add to the log intensity at `t` [us]."""
+    if sensor.flicker == 0.0:
+        return 0.0
+    return math.log(1.0 + sensor.flicker * math.sin(sensor.pulse * t))
+
+
+@jit
+def follow(i, t0, t1, l1, sensor, state, buffer):
+    """Carry a pixel from t0 to t1 [us] while the scene's log intensity moves on a line to `l1`.
+
+    Flicker is added to that, the low-pass follows it, and the reference leaks, which is the same
+    as a rise of the signal.  The low-pass is that of a line, exactly, in steps short against its
+    time constant and against a period of the lamps.
+    """
+    l0 = state[i, SCENE]
+    state[i, SCENE] = l1
+    steps = math.ceil((t1 - t0) / sensor.step) if sensor.flicker > 0.0 else 1
+    slowness = 0.0
+    if sensor.cutoff > 0.0:
+        slowness = 1.0 / (sensor.cutoff * math.exp(l1))
+        if abs(l1 - l0) + abs(l0 - state[i, PASSED]) > STILL:
+            steps = max(steps, min(math.ceil(4.0 * (t1 - t0) / slowness), FINEST))
+    before, x0 = t0, l0 + lamps(t0, sensor)
+    for k in range(1, steps + 1):
+        now = t1 if k == steps else t0 + k * (t1 - t0) / steps
+        x1 = l0 + (l1 - l0) * k / steps + lamps(now, sensor)
+        passed = x1
+        if slowness > 0.0:
+            behind = slowness * (x1 - x0) / (now - before)
+            fade = math.exp((before - now) / slowness)
+            passed = x1 - behind + (state[i, PASSED] - x0 + behind) * fade
+        state[i, PASSED] = passed
+        level = passed + sensor.leak * now
+        if is_quiet(i, now, level, state):
+            state[i, LEVEL] = level
+        else:
+            advance(i, before, now, level, sensor, state, buffer)
+        before, x0 = now, x1
 
 
 @jit
@@ -237,11 +308,18 @@ def render(pose, bearings, view, scene, light, depth):
 
 @jit
 def start_pixels(t, levels, sensor, state):
-    """Set every pixel to a log intensity at `t` [us], and draw the first noise events."""
+    """Set every pixel to a log intensity at `t` [us], and draw the first noise events.
+
+    Pixels that leak have done so before: the next event of each is anywhere in its period.
+    """
     for i in range(levels.size):
-        state[i, LEVEL] = state[i, REFERENCE] = levels[i]
+        state[i, SCENE] = levels[i]
+        state[i, PASSED] = levels[i] + lamps(t, sensor)
+        state[i, LEVEL] = state[i, REFERENCE] = state[i, PASSED] + sensor.leak * t
+        if sensor.leak > 0.0:
+            state[i, REFERENCE] -= state[i, ON] * hashed(sensor.seed, i + (2 << 40), 0.0)
         state[i, NOISE_AT] = math.inf
-        if sensor.noise_rate > 0.0:
+        if state[i, RATE] > 0.0:
             state[i, NOISE_AT] = t
             draw_noise(i, t, sensor, state)
 
@@ -263,6 +341,10 @@ def simulate_tiles(tiles, blocks, fraction, view, poses, scene, sensor, state, b
                 render_tile(tile, pose, near[:count], view.bearings, view, scene, light, depth)
                 for y in range(top, bottom):
                     for i in range(y * view.width + left, y * view.width + right):
+                        if not sensor.plain:
+                            level = math.log(light[i] * sensor.light + DARK)
+                            follow(i, before, now, level, sensor, state, buffer)
+                            continue
                         level = math.log(light[i] + DARK)
                         if is_quiet(i, now, level, state):
                             state[i, LEVEL] = level
@@ -276,4 +358,7 @@ def advance_lines(times, levels, sensor, state, buffer):
     """Carry pixels along log intensities given at times [us], shape (times, pixels)."""
     for k in range(1, times.size):
         for i in range(levels.shape[1]):
-            advance(i, times[k - 1], times[k], levels[k, i], sensor, state, buffer)
+            if sensor.plain:
+                advance(i, times[k - 1], times[k], levels[k, i], sensor, state, buffer)
+            else:
+                follow(i, times[k - 1], times[k], levels[k, i], sensor, state, buffer)

@@ -39,7 +39,10 @@ HEADING_RATE, VELOCITY_RATE = 30.0, 50.0
 """Samples per second of the two streams of every study."""
 
 RAMP = 0.8
-"""Time [s] in which a sweep gets up to speed."""
+"""Time [s] in which a sweep, or a vehicle that turns, gets up to speed."""
+
+CAR_WHEELBASE = 0.5
+"""Distance of the axles [m] of the car that drives slaloms; its origin is the rear axle."""
 
 ANY = {
     "straight": 0.05,
@@ -224,11 +227,7 @@ def _recorded_sweep(rng: Generator, duration: float, speed: float) -> Drive:
     def angle(t: Floats) -> Floats:
         return heading + np.sin(np.multiply.outer(t, rate) + phase) @ amplitude
 
-    def ramp(t: Floats) -> Floats:
-        u = np.clip(t / RAMP, 0.0, 1.0)
-        return speed * u * u * (3 - 2 * u)
-
-    return Drive("sweep", duration, angle, ramp)
+    return Drive("sweep", duration, angle, lambda t: speed * _ramp(t))
 
 
 def _recorded_fingers(rng: Generator, duration: float, speed: float) -> Drive:
@@ -251,14 +250,105 @@ def _recorded_arc(rng: Generator, duration: float, speed: float) -> Drive:
     return drives.arc(duration, radius=radius, heading=-0.5 * turned, speed=speed)
 
 
+def _ramp(t: Floats) -> Floats:
+    """Return the share of the speed while the vehicle gets going."""
+    u = np.clip(t / RAMP, 0.0, 1.0)
+    return u * u * (3 - 2 * u)
+
+
+def _changing(rng: Generator, speed: float) -> Callable[[Floats], Floats]:
+    """Return a speed that starts from rest and swings between 0.43 and 1 times the top speed."""
+    rate, phase = 2 * np.pi / rng.uniform(3.0, 6.0), rng.uniform(0, 2 * np.pi)
+    return lambda t: speed * _ramp(t) * (0.715 + 0.285 * np.sin(rate * t + phase))
+
+
+def _ahead(t: Floats) -> Floats:
+    return np.zeros_like(t)
+
+
+def _recorded_eight(rng: Generator, duration: float, speed: float) -> Drive:
+    """Return eights: lobes that turn by 200 to 250 degrees, at 40 to 60 deg/s where fastest.
+
+    The turning of a lobe is a half wave, so that one of peak w turns by 2 w / rate.
+    """
+    peak = np.radians(rng.uniform(40.0, 60.0))
+    rate = 2 * peak / np.radians(rng.uniform(200.0, 250.0))
+    way, profile = sign(rng), _changing(rng, speed)
+    return Drive(
+        "figure-eight",
+        duration,
+        _ahead,
+        profile,
+        lambda t: way * peak * _ramp(t) * np.sin(rate * t),
+    )
+
+
+def _recorded_slalom(rng: Generator, duration: float, speed: float) -> Drive:
+    """Return a car's slalom: steered by up to 15 to 30 degrees at `CAR_WHEELBASE`, either way."""
+    steer = np.radians(rng.uniform(15.0, 30.0))
+    rate, phase = 2 * np.pi / rng.uniform(3.5, 6.0), rng.uniform(0, 2 * np.pi)
+    profile = _changing(rng, speed)
+
+    def yaw_rate(t: Floats) -> Floats:
+        return profile(t) * np.tan(steer * np.sin(rate * t + phase)) / CAR_WHEELBASE
+
+    return Drive("slalom", duration, _ahead, profile, yaw_rate)
+
+
+def _recorded_strafe(rng: Generator, duration: float, speed: float) -> Drive:
+    """Return a sweep whose body turns, too, by up to 20 to 45 deg/s."""
+    sweep = _recorded_sweep(rng, duration, speed)
+    turning = wobble(rng, np.radians(rng.uniform(20.0, 45.0)))
+    return replace(sweep, kind="strafe", yaw_rate=lambda t: _ramp(t) * turning(t))
+
+
+def _recorded_spin(rng: Generator, duration: float, speed: float) -> Drive:
+    """Return turning in place, either way, at 30 to 60 deg/s at most; the speed says nothing."""
+    turning = wobble(rng, np.radians(rng.uniform(30.0, 60.0)))
+    return Drive("spin", duration, _ahead, _ahead, lambda t: _ramp(t) * turning(t))
+
+
+def _recorded_circle(rng: Generator, duration: float, speed: float) -> Drive:
+    """Return a circle of 0.6 to 1.5 m at constant speed, that it has from the start."""
+    rate = sign(rng) * speed / rng.uniform(0.6, 1.5)
+    return Drive(
+        "circle",
+        duration,
+        _ahead,
+        lambda t: np.full_like(t, speed),
+        lambda t: np.full_like(t, rate),
+    )
+
+
+def _recorded_stops(rng: Generator, duration: float, speed: float) -> Drive:
+    """Return a straight line with a stop every 3 to 5 s, forwards only."""
+    period, ramp = rng.uniform(3.0, 5.0), rng.uniform(0.4, 0.8)
+
+    def profile(t: Floats) -> Floats:
+        u = np.mod(t, period)
+        rise = np.clip(np.minimum(u, 0.75 * period - u) / ramp, 0.0, 1.0)
+        return speed * rise * rise * (3 - 2 * rise)
+
+    return Drive("stops", duration, _ahead, profile)
+
+
 RECORDED: dict[str, Callable[[Generator, float, float], Drive]] = {
     "sweep": _recorded_sweep,
     "fingers": _recorded_fingers,
     "straight": _recorded_straight,
     "arc": _recorded_arc,
+    "figure-eight": _recorded_eight,
+    "slalom": _recorded_slalom,
+    "strafe": _recorded_strafe,
+    "spin": _recorded_spin,
+    "circle": _recorded_circle,
+    "stops": _recorded_stops,
 }
 """Motions of simulated recordings, drawn for a duration [s] and a top speed [m/s]; see
 :func:`data_tools.simulation.recorded_drive.record_drive`."""
+
+TURNING = ("figure-eight", "slalom", "strafe", "spin", "circle", "stops")
+"""Those of `RECORDED` that vehicles drive which need not keep their heading."""
 
 
 def _any_fingers(rng: Generator, kind: str, duration: float, heading: float, speed: float) -> Drive:

@@ -7,22 +7,33 @@ never seen.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from data_tools.simulation._random import generator
+from data_tools.simulation.body_effects import obeyed, sway, vibration
 from data_tools.simulation.drives import Drive
-from data_tools.simulation.random_drives import RECORDED, wobble
+from data_tools.simulation.random_drives import RECORDED, TURNING, wobble
 from data_tools.simulation.scenes import furnished_room
 from data_tools.simulation.sensor import Sensor
 from data_tools.simulation.simulator import FORWARD, Simulator
 from data_tools.simulation.trajectory import Trajectory
+from data_tools.simulation.wheel_effects import WHEEL_RATE, LogEffects, lateness, wheel_log
 from evcalib import checks
 from evcalib.arrays import Floats
 from evcalib.camera import Camera
 from evcalib.geometry import rpy_to_matrix
-from evcalib.kinematics import Swerve, Wheel, WheelLog, WheelStates
+from evcalib.kinematics import (
+    Mecanum,
+    Swerve,
+    Vehicle,
+    Wheel,
+    WheelLog,
+    body_velocities,
+)
+from evcalib.series import VelocitySeries
 
 MOTIONS = tuple(RECORDED)
 MOUNTINGS = ("forward", "sideways", "down")
@@ -34,9 +45,16 @@ VEHICLE = Swerve(
     tuple(Wheel(name, x, y) for name, x, y in
           [("fl", 0.3, 0.25), ("fr", 0.3, -0.25), ("rl", -0.3, 0.25), ("rr", -0.3, -0.25)])
 )  # fmt: skip
-"""The vehicle of all drives: four wheels that steer."""
+"""The vehicle of most drives: four wheels that steer, as those of any vehicle may be thought to."""
 
-WHEEL_RATE = 50.0
+VEHICLES: dict[str, Vehicle] = {"strafe": Mecanum(0.3, 0.25)}
+"""The vehicles of motions that are not driven by `VEHICLE`."""
+
+HEIGHT = 0.8
+"""Height [m] of a camera over the origin of a vehicle that keeps its heading."""
+
+LARGEST_REACH = 0.4
+"""Largest distance [m] of the camera from the origin of a vehicle that turns, seen from above."""
 
 
 @dataclass(frozen=True)
@@ -46,16 +64,70 @@ class Disturbances:
     Attributes
     ----------
     sensor : Sensor
-        The pixels.
+        The pixels and their readout.
     slip : float
         Standard deviation of each wheel's speed, as a share of it.
     yaw_rate : float
-        The vehicle wobbles by up to so much [rad/s].
+        The vehicle wobbles by up to so much [rad/s], and its wheels tell.
+    untold_yaw_rate : float
+        The same, but the log says that it does not turn.
+    tilt : float
+        The body leans by so much as it accelerates [rad per m/s^2], see
+        `data_tools.simulation.body_effects.sway`.
+    vibration : float
+        Standard deviation, about each axis, of a body that shakes [rad].
+    vibration_band : (float, float)
+        Frequencies at which it does [Hz].
+    dead_time, bandwidth : float
+        The vehicle obeys so late [s], and its controllers are so fast [Hz], 0 for any; see
+        `data_tools.simulation.body_effects.obeyed`.
+    logs_commands : bool
+        Whether the log holds what the wheels were told, not what they did.
+    wheel_rate, wheel_low_pass, wheel_jitter, encoder_step, backlash, drop_out : float
+        What becomes of the wheels in the log: see
+        `data_tools.simulation.wheel_effects.LogEffects`.
     """
 
     sensor: Sensor = field(default_factory=Sensor)
     slip: float = 0.0
     yaw_rate: float = 0.0
+    untold_yaw_rate: float = 0.0
+    tilt: float = 0.0
+    vibration: float = 0.0
+    vibration_band: tuple[float, float] = (5.0, 15.0)
+    dead_time: float = 0.0
+    bandwidth: float = 0.0
+    logs_commands: bool = False
+    wheel_rate: float = WHEEL_RATE
+    wheel_low_pass: float = 0.0
+    wheel_jitter: float = 0.0
+    encoder_step: float = 0.0
+    backlash: float = 0.0
+    drop_out: float = 0.0
+
+    @property
+    def log(self) -> LogEffects:
+        """What spoils the wheel log."""
+        return LogEffects(
+            self.slip,
+            self.wheel_rate,
+            self.wheel_low_pass,
+            self.wheel_jitter,
+            self.encoder_step,
+            self.backlash,
+            self.drop_out,
+        )
+
+    def shake(self, rng: np.random.Generator) -> Callable[[Floats, Floats], Floats] | None:
+        """Return how the body leaves its attitude, for `Trajectory.of_drive`."""
+        if not (self.tilt or self.vibration):
+            return None
+
+        def shaken(t: Floats, acceleration: Floats) -> Floats:
+            trembling = vibration(t, self.vibration, self.vibration_band, rng)
+            return sway(t, acceleration, self.tilt) + trembling
+
+        return shaken
 
 
 ROUGH = Disturbances(Sensor(mismatch=0.1, noise_rate=1.0), slip=0.05, yaw_rate=np.radians(5.0))
@@ -77,7 +149,13 @@ class RecordedDrive:
     R_body_cam : ndarray, shape (3, 3)
         True rotation.
     offset : float
-        True offset [s], ``t_body = t_cam + offset``.
+        True offset [s], ``t_body = t_cam + offset``: the shift of the clocks, plus how late the
+        log is as a whole.  How late the pixels are is no part of it.
+    vehicle : Swerve or Mecanum
+        Whose wheels they are.
+    late : float
+        How late the log is as a whole [s], by least squares of logged against true velocity
+        (`data_tools.simulation.wheel_effects.lateness`).
     """
 
     simulator: Simulator
@@ -85,6 +163,17 @@ class RecordedDrive:
     drive: Drive
     R_body_cam: Floats
     offset: float
+    vehicle: Vehicle = VEHICLE
+    late: float = 0.0
+
+    @property
+    def lever(self) -> tuple[float, float, float]:
+        """Position of the camera in the body frame [m]."""
+        return self.simulator.lever
+
+    def velocities(self) -> VelocitySeries:
+        """Return what the wheels tell of the body: velocity and yaw rate, in all rows."""
+        return body_velocities(self.wheels, self.vehicle).velocities
 
 
 def record_drive(
@@ -103,10 +192,14 @@ def record_drive(
     ----------
     seed : int
         Of everything that is random.
-    motion : {"sweep", "fingers", "straight", "arc"}
+    motion : {"sweep", "fingers", "straight", "arc", "figure-eight", "slalom", "strafe", "spin", \
+"circle", "stops"}
         The direction of travel swings without end; or out and back along spread directions, with
         pauses.  Accelerations are finite.  Or a straight line, or an arc, at constant speed: these
-        cannot answer.
+        cannot answer.  The rest are vehicles that turn, their camera up to `LARGEST_REACH` off the
+        body's origin (`RecordedDrive.lever`): a differential drive's eights and a car's slalom, at
+        changing speeds; mecanum wheels that strafe and turn; turning in place; a circle at
+        constant speed; a straight line with stops.
     mounting : {"forward", "sideways", "down"}
         The camera looks ahead, with roll, pitch and yaw of up to 30 degrees; to the left or right;
         or ahead and 30 degrees down; the last two with angles of up to 10 degrees.
@@ -131,21 +224,39 @@ def record_drive(
     if disturbances.yaw_rate:
         drive = replace(drive, yaw_rate=wobble(rng, disturbances.yaw_rate))
     R_body_cam = _mounting(rng, mounting)
-    offset = float(rng.uniform(-0.5, 0.5))
-    trajectory = Trajectory.of_drive(drive, offset=offset)
-    # The height of a camera on a small vehicle.
-    path = trajectory.position + [0.0, 0.0, 0.8]
+    shift = float(rng.uniform(-0.5, 0.5))
+    lever = _position(rng) if motion in TURNING else (0.0, 0.0, HEIGHT)
+    vehicle = VEHICLES.get(motion, VEHICLE)
+    wheels, done, late = _driven(drive, vehicle, disturbances, rng)
+    trajectory = Trajectory.of_drive(
+        done, offset=shift, shake=disturbances.shake(generator(seed, "vibration"))
+    )
+    path = trajectory.position + trajectory.rotation @ np.array(lever)
     simulator = Simulator(
         trajectory,
         camera,
         furnished_room(path, seed),
         R_body_cam,
+        lever,
         sensor=disturbances.sensor,
         seed=seed,
     )
-    return RecordedDrive(
-        simulator, _wheels(rng, drive, disturbances.slip), drive, R_body_cam, offset
-    )
+    return RecordedDrive(simulator, wheels, done, R_body_cam, shift + late, vehicle, late)
+
+
+def _driven(
+    drive: Drive, vehicle: Vehicle, disturbances: Disturbances, rng: np.random.Generator
+) -> tuple[WheelLog, Drive, float]:
+    """Return the log of a vehicle that is told a drive, what it does, and how late the log is."""
+    done = obeyed(drive, disturbances.dead_time, disturbances.bandwidth)
+    effects = disturbances.log
+    wheels = wheel_log(drive if disturbances.logs_commands else done, vehicle, effects, rng)
+    apart = disturbances.logs_commands and done is not drive
+    late = lateness(wheels, vehicle, done) if apart or effects.shaping else 0.0
+    if disturbances.untold_yaw_rate:
+        wobbling, told = wobble(rng, disturbances.untold_yaw_rate), done.yaw_rate
+        done = replace(done, yaw_rate=lambda t: told(t) + wobbling(t))
+    return wheels, done, late
 
 
 def _mounting(rng: np.random.Generator, mounting: str) -> Floats:
@@ -155,8 +266,11 @@ def _mounting(rng: np.random.Generator, mounting: str) -> Floats:
     return rpy_to_matrix(np.radians(middle + rng.uniform(-most, most, 3))) @ FORWARD
 
 
-def _wheels(rng: np.random.Generator, drive: Drive, slip: float) -> WheelLog:
-    t = np.arange(rng.uniform(0, 1 / WHEEL_RATE), drive.duration, 1 / WHEEL_RATE)
-    states = VEHICLE.wheel_states(drive.velocity(t)[:, :2], drive.yaw_rate(t))
-    factor = 1.0 + slip * rng.standard_normal(states.speed.shape)
-    return WheelLog(t, WheelStates(states.speed * factor, states.steer))
+def _position(rng: np.random.Generator) -> tuple[float, float, float]:
+    """Draw where the camera sits: off the origin by up to `LARGEST_REACH`, 0.3 to 0.9 m high."""
+    reach, way = rng.uniform(0.0, LARGEST_REACH), rng.uniform(-np.pi, np.pi)
+    return (
+        float(reach * np.cos(way)),
+        float(reach * np.sin(way)),
+        float(rng.uniform(0.3, 0.9)),
+    )

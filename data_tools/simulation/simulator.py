@@ -188,14 +188,16 @@ class Simulator:
         state = self.sensor.new_state(camera.width * camera.height, self.seed)
         view, scene, edges = self._view, self._arrays, self._blocks()
         light, _ = self._render(1e-6 * edges[0], view.bearings)
-        kernels.start_pixels(edges[0], np.log(light + kernels.DARK), sensor, state)
-        tiles = [np.arange(k, len(view.bounds), PARTS) for k in range(PARTS)]
+        levels = np.log(light * sensor.light + kernels.DARK)
+        kernels.start_pixels(edges[0], levels, sensor, state)
+        readout = self.sensor.readout(self.seed)
+        tiles = [np.arange(k, len(view.bounds), PARTS) for k in range(min(PARTS, len(view.bounds)))]
         with ThreadPoolExecutor(threads or min(os.cpu_count() or 1, 4)) as pool:
             for first in range(0, edges.size - 1, 10):
                 span = edges[first : first + 11]
                 world = (span, self.fraction, view, self._poses(span), scene, sensor)
                 buffers = pool.map(simulate_part, tiles, repeat(world), repeat(state))
-                yield merge(list(buffers), camera.width, camera.height)
+                yield readout.carry(merge(list(buffers), camera.width, camera.height))
 
     def frame(self, t: float) -> NDArray[np.float32]:
         """Return the linear intensity at `t` [s], shape (height, width)."""

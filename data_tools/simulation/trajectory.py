@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -55,7 +56,14 @@ class Trajectory:
         object.__setattr__(self, "rotation", _rotations(self.rotation, t.size))
 
     @classmethod
-    def of_drive(cls, drive: Drive, *, offset: float = 0.0, rate: float = 500.0) -> Trajectory:
+    def of_drive(
+        cls,
+        drive: Drive,
+        *,
+        offset: float = 0.0,
+        rate: float = 500.0,
+        shake: Callable[[Floats, Floats], Floats] | None = None,
+    ) -> Trajectory:
         """Return a drive on the camera's clock, started at the origin.
 
         Parameters
@@ -66,6 +74,10 @@ class Trajectory:
             ``t_body = t_cam + offset`` [s].  Camera times below zero are cut off.
         rate : float
             Samples per second.
+        shake : callable, optional
+            Takes even times [s], shape (n,), and accelerations in the body frame [m/s^2], shape
+            (n, 3); returns rotation vectors [rad], shape (n, 3), by which the body leaves the
+            attitude of its drive, about its origin.
         """
         count = int(np.ceil(drive.duration * checks.positive(rate, "rate"))) + 1
         t = np.linspace(0.0, drive.duration, count)
@@ -74,7 +86,14 @@ class Trajectory:
         mean_rate = 0.5 * (yaw_rate[1:] + yaw_rate[:-1])
         yaw = np.concatenate([[0.0], np.cumsum(mean_rate * np.diff(t))])
         keep = t >= offset
-        return cls(t[keep] - offset, position[keep], yaw[keep])
+        if shake is None:
+            return cls(t[keep] - offset, position[keep], yaw[keep])
+        v = drive.velocity(t)
+        acceleration = np.gradient(v, t, axis=0)
+        acceleration[:, :2] += yaw_rate[:, None] * v[:, [1, 0]] * [-1.0, 1.0]
+        level = Rotation.from_rotvec(np.outer(yaw, [0.0, 0.0, 1.0]))
+        turned = level * Rotation.from_rotvec(shake(t, acceleration))
+        return cls(t[keep] - offset, position[keep], turned.as_matrix()[keep])
 
     def position_at(self, t: ArrayLike) -> Floats:
         """Return positions [m] at times [s] within the trajectory, shape (n, 3)."""
