@@ -1,4 +1,4 @@
-"""Events without the sensor's own: background activity and hot pixels."""
+"""Events without the sensor's own and the lamps': noise, hot pixels, flicker."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from evcalib.display import Shown
 from evcalib.errors import InputError
 from evcalib.events import Events
 from evcalib.filters import _noise_rate as rates
+from evcalib.filters._flicker import FlickerMeter
 from evcalib.kernels.events import EventColumns
 from evcalib.kernels.filters import support as kernels
 
@@ -52,20 +53,24 @@ class Noise(Shown):
     ----------
     events, kept : int
         Taken in; left.
-    hot, unsupported : int
-        Left out: events of hot pixels; those without enough neighbours.
+    hot, flicker, unsupported : int
+        Left out: events of hot pixels; of flicker; those without enough neighbours.
     rate : float
         Background activity [events per second and pixel], the median over time.
     hot_pixels : int
         Most pixels that were hot at a time.
+    lamps : int
+        Frequency of the flicker [Hz]; 0 without.
     """
 
     events: int = 0
     kept: int = 0
     hot: int = 0
+    flicker: int = 0
     unsupported: int = 0
     rate: float = 0.0
     hot_pixels: int = 0
+    lamps: int = 0
 
 
 class Denoiser:
@@ -75,7 +80,8 @@ class Denoiser:
     own pixel not counted.  The time follows the noise, which is measured in the quiet tenth of the
     image: it is such that a given share of pure noise passes.  So little noise leaves slow edges
     whole, and a sensor without noise keeps all its events.  Pixels that fire far more often than
-    their neighbours are left out, and support no one.
+    their neighbours are left out, and support no one.  Where lamps flicker, 100 or 120 times a
+    second, the events of a pixel count from where it leaves the band in which it goes up and down.
 
     The noise of a period of 0.2 s decides on the next one, so the first is taken as it is.
 
@@ -121,7 +127,10 @@ class Denoiser:
             hot=np.zeros(self.shape, dtype=np.bool_),
             fired=np.zeros(self.shape, dtype=np.int32),
             alone=np.zeros(self._areas.shape, dtype=np.int32),
+            band=np.zeros(self.shape, dtype=np.uint8),
+            level=np.zeros(self.shape, dtype=np.uint8),
         )
+        self._flicker = FlickerMeter()
         self._heat = np.zeros(self.shape)
         self._recent: deque[float] = deque(maxlen=REMEMBERED)
         self._rates: list[float] = []
@@ -186,11 +195,15 @@ class Denoiser:
     def _judge(self, events: Events, stay: Flags) -> None:
         """Mark the events of one period that stay."""
         within, hot = self.within, self._state.hot
-        limits = kernels.Limits(round(1e6 * within), rates.ALONE_US, self._support)
-        kernels.neighbours(EventColumns.of(events), self._state, limits, stay)
+        self._flicker.update(events)
+        limits = kernels.Limits(
+            since_us=round(1e6 * within),
+            alone_us=rates.ALONE_US,
+            support=self._support if within else 0,
+            flicker=self._flicker.lamps > 0,
+        )
+        flickered = kernels.neighbours(EventColumns.of(events), self._state, limits, stay)
         of_hot = int(np.count_nonzero(hot[events.y, events.x])) if hot.any() else 0
-        if not within:
-            stay[:] = ~hot[events.y, events.x] if of_hot else True
         kept = int(np.count_nonzero(stay))
         noise = self.noise
         self.noise = replace(
@@ -198,7 +211,8 @@ class Denoiser:
             events=noise.events + len(events),
             kept=noise.kept + kept,
             hot=noise.hot + of_hot,
-            unsupported=noise.unsupported + len(events) - kept - of_hot,
+            flicker=noise.flicker + flickered,
+            unsupported=noise.unsupported + len(events) - kept - of_hot - flickered,
         )
 
     def _measure(self) -> None:
@@ -209,6 +223,7 @@ class Denoiser:
         rate = rates.noise_rate(state.alone, self._areas, 1e-6 * PERIOD_US)
         self._recent.append(rate)
         self._rates.append(rate)
+        self._flicker.measure(state.fired, 1e-6 * PERIOD_US, state.band)
         # A mean over REMEMBERED periods, in events per second.
         kernels.warm(self._heat, state.fired, 1e6 / PERIOD_US, 1.0 / REMEMBERED)
         kernels.find_hot(self._heat, HOT, HOT_LEAST, state.hot)
@@ -217,6 +232,7 @@ class Denoiser:
             self.noise,
             rate=float(np.median(self._rates)),
             hot_pixels=max(self.noise.hot_pixels, int(np.count_nonzero(state.hot))),
+            lamps=self._flicker.lamps or self.noise.lamps,
         )
 
 

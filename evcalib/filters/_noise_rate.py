@@ -24,6 +24,10 @@ longer leaves out more of what moves, and confounds noise of over 1 / (4 ALONE_U
 less."""
 
 
+MOST_ALONE = (1.0 - 1e-6) * np.exp(-1.0)
+"""Most that noise leaves alone, in events per 4 ALONE_US: a hair less, where the inverse ends."""
+
+
 def block_areas(width: int, height: int) -> Floats:
     """Return the pixels of each block, shape (rows, columns)."""
     side = 1 << BLOCK
@@ -44,7 +48,8 @@ def noise_rate(alone: Integers, areas: Floats, seconds: float) -> float:
     mean = (np.sqrt(count) + 0.5 * _QUIET_SD) ** 2 if count else 0.0
     seen = mean / (float(np.median(areas)) * seconds)
     exponent = 4e-6 * ALONE_US
-    return float(-lambertw(max(-exponent * seen, -np.exp(-1.0))).real / exponent)
+    # More than the most that noise can leave alone, at 50 Hz, is taken for that.
+    return float(-lambertw(-min(exponent * seen, MOST_ALONE)).real / exponent)
 
 
 def share_within(noise_rate: float, within: float, support: int) -> float:

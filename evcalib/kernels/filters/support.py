@@ -20,6 +20,8 @@ class State(NamedTuple):
     hot: np.ndarray  # (height, width) bool, pixels that are left out
     fired: np.ndarray  # (height, width) int32, events of this period
     alone: np.ndarray  # (rows, columns) int32, of each block the events without any neighbour
+    band: np.ndarray  # (height, width) uint8, events by which each pixel flickers up and down
+    level: np.ndarray  # (height, width) uint8, where it is in this band
 
 
 class Limits(NamedTuple):
@@ -28,6 +30,7 @@ class Limits(NamedTuple):
     since_us: int  # it fired within this time
     alone_us: int  # and an event that no neighbour precedes by this is counted as alone
     support: int  # so many neighbours keep an event
+    flicker: bool  # whether there is any
 
 
 @jit
@@ -43,12 +46,18 @@ def neighbours(events, state, limits, supported):
     limits : Limits
         What makes an event supported.
     supported : ndarray of bool, shape (n,)
-        Output; events of hot pixels are neither supported nor remembered.
+        Output; events of hot pixels and of flicker are neither supported nor remembered.
+
+    Returns
+    -------
+    int
+        Events of flicker: those that go up and down within the band.
     """
     _, rows, stride = state.last.shape
     last, size = state.last.reshape(-1), rows * stride
     columns = state.alone.shape[1]
     alone, hot, fired = state.alone.reshape(-1), state.hot.reshape(-1), state.fired.reshape(-1)
+    level, band, flickered = state.level.reshape(-1), state.band.reshape(-1), 0
     for i in range(events.t.size):
         x, y, t = np.int64(events.x[i]), np.int64(events.y[i]), events.t[i]
         pixel = y * (stride - 2) + x
@@ -56,14 +65,21 @@ def neighbours(events, state, limits, supported):
         if hot[pixel]:
             supported[i] = False
             continue
+        if limits.flicker and band[pixel]:
+            up, now = events.p[i], level[pixel]
+            if now < band[pixel] if up else now > 0:
+                level[pixel] = now + 1 if up else now - 1
+                flickered += 1
+                supported[i] = False
+                continue
         # Of the padded image: the neighbour above to the left.
         at = np.uint64(np.int64(events.p[i]) * size + y * stride + x)
-        up, mid, low = at, at + np.uint64(stride), at + np.uint64(2 * stride)
+        above, mid, below = at, at + np.uint64(stride), at + np.uint64(2 * stride)
         one, two = np.uint64(1), np.uint64(2)
         since, near = t - limits.since_us, t - limits.alone_us
-        a, b, c = last[up], last[up + one], last[up + two]
+        a, b, c = last[above], last[above + one], last[above + two]
         d, e = last[mid], last[mid + two]
-        f, g, h = last[low], last[low + one], last[low + two]
+        f, g, h = last[below], last[below + one], last[below + two]
         found = (
             np.int64(a >= since) + np.int64(b >= since) + np.int64(c >= since)
             + np.int64(d >= since) + np.int64(e >= since)
@@ -73,6 +89,7 @@ def neighbours(events, state, limits, supported):
         alone[(y >> BLOCK) * columns + (x >> BLOCK)] += np.int32(youngest < near)
         last[mid + one] = t
         supported[i] = found >= limits.support
+    return flickered
 
 
 @jit
