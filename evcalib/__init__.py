@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from evcalib.camera import Camera
     from evcalib.errors import EvcalibError, InputError
     from evcalib.events import Events
+    from evcalib.filters import denoise
     from evcalib.heading import estimate_headings
     from evcalib.imu import ImuSeries
     from evcalib.pipeline import calibrate
@@ -44,6 +45,7 @@ __all__ = [
     "VelocitySeries",
     "align",
     "calibrate",
+    "denoise",
     "estimate_headings",
 ]
 
@@ -58,12 +60,13 @@ _HOMES = {
     "VelocitySeries": "series",
     "align": "alignment",
     "calibrate": "pipeline",
+    "denoise": "filters",
     "estimate_headings": "heading",
 }
 
 _MODULES = (
     *("camera", "errors", "events", "geometry", "imu", "poses", "series"),
-    *("surfaces", "features", "heading", "kinematics", "alignment", "joint", "pipeline"),
+    *("filters", "surfaces", "features", "heading", "kinematics", "alignment", "joint", "pipeline"),
     *("uncertainty", "baselines", "design", "plots", "report", "widgets"),
 )
 
