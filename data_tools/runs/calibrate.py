@@ -126,6 +126,7 @@ def run_files(
             run,
             recording=_description(events, run, [f"{source}: {line}" for line in body.notes]),
             losses=dict(events.losses),
+            origin_us=events.origin_us,
             settings={
                 **run.settings,
                 "max_slip": max_slip,
@@ -135,7 +136,11 @@ def run_files(
             timings={"velocities": spent, **run.timings},
             command=command,
             truth=truth,
-            files={role: input_file(path) for role, path in files.items() if path is not None},
+            files={
+                role: input_file(path, digest=role == "vehicle")
+                for role, path in files.items()
+                if path is not None
+            },
         )
         if folder is not None:
             stage("report")

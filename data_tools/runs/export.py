@@ -17,7 +17,7 @@ from evcalib.arrays import Floats
 from evcalib.errors import InputError
 from evcalib.geometry import camera_looks, matrix_to_quaternion, matrix_to_rpy, quaternion_to_matrix
 from evcalib.geometry import rpy_to_matrix as rpy_matrix
-from evcalib.pipeline import RefinedCalibration, position_text
+from evcalib.pipeline import CalibrationRun, RefinedCalibration, position_text
 
 CONVENTION = (
     "v_body = R_body_cam v_cam, camera X right Y down Z forward, body X forward Y left Z up;"
@@ -90,6 +90,11 @@ def summary_dict(calibration: Calibration) -> dict[str, Any]:
         "rotation_sd_xyz_deg": [
             min(math.degrees(math.sqrt(x)), 180.0) for x in np.diag(calibration.rotation_covariance)
         ],
+        "rotation_covariance_deg2": [
+            [float(x) for x in row]
+            for row in np.degrees(np.degrees(calibration.rotation_covariance))
+        ],
+        "independent_stretches": float(calibration.samples),
         "rotation_radius_deg": math.degrees(calibration.rotation_radius),
         "rotation_observable": bool(calibration.rotation_observable),
         "unknown_axis": None if unknown is None else [float(x) for x in unknown],
@@ -137,11 +142,36 @@ def _or_none(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
 
 
-def write_calibration(path: str | Path, calibration: Calibration) -> None:
-    """Write ``calibration.yaml``."""
-    text = yaml.safe_dump(
-        summary_dict(calibration), sort_keys=False, width=100, default_flow_style=None
-    )
+def run_dict(run: CalibrationRun) -> dict[str, Any]:
+    """Return the content of a run's ``calibration.yaml``: what comparing runs needs, too."""
+    systematic, rate = run.settings.get("systematic", {}), run.estimate.event_rate
+    refined = run.calibration.joint is not None
+    recording: dict[str, Any] = {"file": str(run.files["recording"]) if run.files else ""}
+    if rate is not None and rate.t.size:
+        recording["span_s"] = [float(rate.t[0]), float(rate.t[-1] + rate.width)]
+    recording["origin_us"] = int(run.origin_us)
+    vehicle = run.files.get("vehicle")
+    return {
+        **summary_dict(run.calibration),
+        # Of the error bars above, what all runs of a rig have in common.
+        "shared": {
+            "rotation_sd_deg": math.degrees(systematic["rotation_sd"]) if refined else 0.0,
+            "offset_sd_s": float(systematic["time_sd"]) if refined else 0.0,
+        },
+        "recording": recording,
+        "rig": {
+            "camera": "" if run.camera is None else str(run.camera),
+            "vehicle": "" if vehicle is None else vehicle.sha256,
+        },
+    }
+
+
+def write_calibration(
+    path: str | Path, calibration: Calibration, run: CalibrationRun | None = None
+) -> None:
+    """Write ``calibration.yaml``, of a whole run with what comparing runs needs."""
+    content = summary_dict(calibration) if run is None else run_dict(run)
+    text = yaml.safe_dump(content, sort_keys=False, width=100, default_flow_style=None)
     Path(path).write_text(text, encoding="utf-8")
 
 

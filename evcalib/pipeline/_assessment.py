@@ -101,6 +101,13 @@ class RefinedCalibration(Calibration):
         at = names.index("mounting") + 1 if "mounting" in names else len(rows)
         return [*rows[:at], ("position", position_text(self)), *rows[at:]]
 
+    @property
+    def samples(self) -> float:
+        """Independent stretches of motion behind the error bars."""
+        if self.joint is None or not self.offset_observable:
+            return super().samples
+        return self.joint.samples
+
     @classmethod
     def after(cls, aligned: Calibration, **changes: Any) -> RefinedCalibration:
         """Return an alignment's answer with what the refinement changed."""

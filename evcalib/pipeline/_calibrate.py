@@ -180,6 +180,7 @@ def calibrate(
         settings=settings,
         versions=package_versions(),
         timings=timings,
+        camera=camera,
     )
 
 

@@ -10,6 +10,7 @@ from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 from evcalib.arrays import Floats
+from evcalib.camera import Camera
 from evcalib.display import Shown
 from evcalib.heading import HeadingEstimate
 from evcalib.kinematics import BodyVelocities
@@ -117,6 +118,10 @@ class CalibrationRun(Shown):
         Where it is known.
     gyro : Gyro, optional
         What the camera's IMU gave, where one was used.
+    camera : Camera, optional
+        The camera as it was given.
+    origin_us : int
+        What was subtracted from all times of the recording [us].
     """
 
     calibration: RefinedCalibration
@@ -132,6 +137,8 @@ class CalibrationRun(Shown):
     files: Mapping[str, InputFile] = field(default_factory=dict)
     truth: Truth | None = None
     gyro: Gyro | None = None
+    camera: Camera | None = None
+    origin_us: int = 0
 
     @property
     def gap_reasons(self) -> list[tuple[str, int]]:
