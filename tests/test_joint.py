@@ -171,7 +171,8 @@ def by_knot(tracks, values, count):
 def test_the_gradients_are_the_derivatives_of_the_losses(drive, lag, change, tolerance):
     """Exact without lag or tilt; the change of the flow's direction is left out on purpose.
 
-    So is what a tilt makes of the derivatives by others.  Tracks that start or end just at a
+    So is what a tilt makes of the derivatives by others, the position's above all: where the axis
+    of a tilt is, nobody knows.  Tracks that start or end just at a
     sample of the odometry are at a kink; what their knots say does not count.
     """
     velocities, tracks = drive
@@ -188,7 +189,8 @@ def test_the_gradients_are_the_derivatives_of_the_losses(drive, lag, change, tol
         )
         wanted = by_knot(tracks, high - low, len(fit.knots)) / (2 * UNITS[k])
         size = np.sqrt(np.mean(wanted**2))
-        assert np.quantile(np.abs(fit.gradients[:, k] - wanted), 0.97) < tolerance * size
+        off = np.quantile(np.abs(fit.gradients[:, k] - wanted), 0.97)
+        assert off < (5 if k in (5, 6) else 1) * tolerance * size
 
 
 def gathered(fit, slopes):
@@ -481,10 +483,12 @@ def same(a, b):
 
 @pytest.mark.parametrize("scale", [0.02, 20.0])
 def test_the_scale_of_speeds_does_not_matter(noisy, scale):
-    """Wheels of a wrong radius: only distances change, and the lever with them."""
+    """Wheels of a wrong radius: only distances change, the lever and a tilt with them."""
     velocities, tracks, found = noisy
     other = VelocitySeries(velocities.t, scale * velocities.v, velocities.yaw_rate)
-    same(refined(tracks, other, lever=tuple(scale * np.array(LEVER))), found)
+    changed = replace(NONE, tilt_sd=NONE.tilt_sd / scale)
+    lever = tuple(scale * np.array(LEVER))
+    same(refined(tracks, other, lever=lever, systematic=changed), found)
 
 
 def test_turning_the_camera_turns_the_answer(noisy):

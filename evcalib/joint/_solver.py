@@ -314,9 +314,7 @@ def solve(problem: Problem, fit: Fit, free: Flags, widest: float) -> Fit | None:
             wanted = float(np.clip(LOSS_SCALE * fit.noise, 0.25 * widest, widest))
             if settled and wanted > 0.9 * fit.loss_scale:
                 break
-            fit.loss_scale = float(
-                np.clip(LOSS_SCALE * fit.noise, 0.7 * fit.loss_scale, fit.loss_scale)
-            )
+            fit.loss_scale = float(np.clip(wanted, 0.7 * fit.loss_scale, fit.loss_scale))
             fit.spread = reduced.spread
     linearise(problem, fit)
     return fit
