@@ -9,10 +9,7 @@ import numpy as np
 from scipy.linalg import cho_solve_banded, cholesky_banded
 
 from evcalib.arrays import Floats, Integers
-from evcalib.joint.tracks import Tracks
-
-SPACING = 0.05
-"""Time between knots [s].  A choice: the time between keyframes, so that each turns by itself."""
+from evcalib.joint.tracks import STRETCH, Tracks
 
 MOST_KNOTS = 20_000
 """Most knots: a bound on memory (100 MB); the knots of drives of a quarter of an hour and more are
@@ -51,13 +48,13 @@ class Knots:
         start, end = float(tracks.start[0]), float(tracks.end.max())
         # The clock may be found to drift: a little more at the end.
         length = 1.01 * (end - start)
-        spacing = max(SPACING, length / MOST_KNOTS)
+        spacing = max(STRETCH, length / MOST_KNOTS)
         return cls(start, spacing, int(length / spacing) + 3)
 
     @property
     def times(self) -> Floats:
         """Times of the knots, from the first [s]."""
-        return self.spacing * np.arange(self.count)
+        return np.arange(self.count, dtype=np.float64) * self.spacing
 
     def of(self, t: Floats) -> Integers:
         """Return the knot at or before each time."""

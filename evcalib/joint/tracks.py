@@ -14,6 +14,12 @@ from evcalib.series import bins
 SHORTEST = 2
 """Fewest observations after the first: two displacements of one corner can be compared."""
 
+
+STRETCH = 0.05
+"""Time [s] between the knots of the unknown turning.  A choice: that between keyframes, so that
+each turns by itself, and shorter than a track by far."""
+
+
 @dataclass(frozen=True, eq=False)
 class Tracks(Shown):
     """Corners at a first time and at later ones.

@@ -260,8 +260,8 @@ def doubts_of(joint: JointRefinement, headings: HeadingSeries) -> tuple[str, ...
         )
     if joint.turning[2] > TURNING:
         doubts.append(
-            f"The body turns by {np.degrees(joint.turning[2]):.1f} deg/s (rms) that the odometry does"
-            " not tell."
+            f"The body turns by {np.degrees(joint.turning[2]):.1f} deg/s (rms) that the odometry"
+            " does not tell."
         )
     return tuple(doubts)
 
