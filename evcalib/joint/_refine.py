@@ -28,8 +28,8 @@ from evcalib.joint._solver import (
     covariance_of,
     solve,
 )
-from evcalib.joint._world_motion import USUAL_SPAN, jump_floor, world_motion, yaw_rate_error
 from evcalib.joint._turning import Turning
+from evcalib.joint._world_motion import USUAL_SPAN, jump_floor, world_motion, yaw_rate_error
 from evcalib.joint.tracks import Tracks
 from evcalib.kinematics.velocity_track import VelocityTrack
 from evcalib.series import VelocitySeries

@@ -14,6 +14,7 @@ from evcalib.series import bins
 SHORTEST = 2
 """Fewest observations after the first: two displacements of one corner can be compared."""
 
+
 @dataclass(frozen=True, eq=False)
 class Tracks(Shown):
     """Corners at a first time and at later ones.

@@ -20,6 +20,7 @@ from evcalib.pipeline._assessment import RefinedCalibration, finish, offset_obse
 from evcalib.pipeline._derotation import at_camera, derotated
 from evcalib.pipeline._position import positioned
 from evcalib.pipeline._refinement import Asked, Refiner
+from evcalib.pipeline._turning import turns_variously
 from evcalib.series import VelocitySeries
 from evcalib.uncertainty import UNKNOWN
 
@@ -92,6 +93,10 @@ def by_turning(
     with stage("alignment"):
         seen, moved = _headings(estimate, velocities, track, joint, asked)
         aligned = _aligned(seen, moved, asked)
+    part = joint.span[0] + joint.offset, joint.span[1] + joint.offset
+    various = turns_variously(velocities, track, *part)
+    if not various:
+        joint = _without_yaw(joint)
     if known:
         final = finish(
             aligned, joint, seen.headings, velocity_track(moved), asked.max_offset, turning=turning
@@ -99,8 +104,18 @@ def by_turning(
     else:
         final = _at_offset(aligned, joint, turning, asked)
     final = final.widened(velocities.direction_sd)
-    trusted = known or asked.offset is not None
+    trusted = various and (known or asked.offset is not None)
     return positioned(final, asked.told, turning, free, trusted=trusted), seen
+
+
+def _without_yaw(joint: JointRefinement) -> JointRefinement:
+    """Return a refinement that knows nothing of the turn about the body's axis.
+
+    Where all twists are multiples of one, noise of the odometry alone would tell it.
+    """
+    covariance = joint.covariance.copy()
+    covariance[2, 2] += UNKNOWN
+    return replace(joint, covariance=covariance)
 
 
 def _headings(
