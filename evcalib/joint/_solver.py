@@ -176,6 +176,8 @@ def linearise(problem: Problem, fit: Fit, everything: bool = True) -> None:
             fit.band,
         ),
     )
+    upper = np.triu(fit.information, 1)
+    fit.information = fit.information + upper.transpose(0, 2, 1)
 
 
 @dataclass(frozen=True, eq=False)

@@ -55,9 +55,8 @@ class Camera(NamedTuple):
 
 
 @jit
-def _about_z(angle, a):
-    """Return a turned about Z by `angle`."""
-    c, s = math.cos(angle), math.sin(angle)
+def _about_z(c, s, a):
+    """Return a turned about Z by the angle of this cosine and sine."""
     return c * a[0] - s * a[1], s * a[0] + c * a[1], a[2]
 
 
@@ -145,24 +144,25 @@ def observe(before, after, first, later, ray, camera, columns, a, z, y, dy):
     yaw1, rate1, v2, rate2 = before.yaw, before.yaw_rate, after.velocity, after.yaw_rate
     more = later[2] - first[2]
     psi = after.yaw - yaw1 + more
-    ray_psi = more if camera.stabilised else psi
-    arm = _about_z(psi, _tilted(1.0, later, lever))
-    path = _about_z(0.5 * more - yaw1, _minus(after.position, before.position))
+    cm, sm = math.cos(psi), math.sin(psi)
+    c, s = (math.cos(more), math.sin(more)) if camera.stabilised else (cm, sm)
+    cp, sp = math.cos(0.5 * more - yaw1), math.sin(0.5 * more - yaw1)
+    arm = _about_z(cm, sm, _tilted(1.0, later, lever))
+    path = _about_z(cp, sp, _minus(after.position, before.position))
     D = _tilted(-1.0, first, _sum(path, _minus(arm, _tilted(1.0, first, lever))))
-    seen_by_body = _tilted(-1.0, first, _about_z(ray_psi, _tilted(1.0, later, ray)))
+    seen_by_body = _tilted(-1.0, first, _about_z(c, s, _tilted(1.0, later, ray)))
     seen = _to_camera(R, seen_by_body)
     depth = dot(b, seen)
     if depth < NEAREST:
         return False
     y[0], y[1] = dot(e[0], seen) / depth, dot(e[1], seen) / depth
-    c, s = math.cos(ray_psi), math.sin(ray_psi)
-    tilt = _minus(_about_z(ray_psi, (later[0], later[1], 0.0)), (first[0], first[1], 0.0))
+    tilt = _minus(_about_z(c, s, (later[0], later[1], 0.0)), (first[0], first[1], 0.0))
     moved = (
         D,
         (0.0, D[2], -D[1]),
         (-D[2], 0.0, D[0]),
         (D[1], -D[0], 0.0),
-        _sum(_about_z(-yaw1, v2), _across_z(rate2, arm)),
+        _sum(_about_z(cp, sp, v2), _across_z(rate2, arm)),
     )
     turned = (
         (0.0, 0.0, 0.0),
@@ -175,10 +175,10 @@ def observe(before, after, first, later, ray, camera, columns, a, z, y, dy):
     for k in range(OFFSET):
         _project(R, b, e, moved[k], turned[k], y, depth, k, a, z, dy)
     if columns > OFFSET:
-        change = _sum(_about_z(-yaw1, _minus(v2, before.velocity)), _across_z(-rate1, path))
+        change = _sum(_about_z(cp, sp, _minus(v2, before.velocity)), _across_z(-rate1, path))
         change = _sum(change, _across_z(rate2 - rate1, arm))
         faster = 0.0 if camera.stabilised else rate2 - rate1
-        cm, sm, whole = math.cos(psi), math.sin(psi), _sum(D, lever)
+        whole = _sum(D, lever)
         none = (0.0, 0.0, 0.0)
         further = (
             change,

@@ -42,8 +42,8 @@ body [m] (2), roll and pitch by acceleration to the left and ahead [rad per m/s^
 
 TIME, LAG, PLACE, TILT = 3, 4, 5, 7
 
-ENTRIES = UNKNOWNS + 12
-"""What one observation depends on: the globals, two knots at its anchor and two at its own time."""
+THEIRS, ENTRIES = UNKNOWNS + 3, UNKNOWNS + 6
+"""What one observation depends on: the globals, the turning at its anchor, that at its own time."""
 
 STEPS, FORGIVING, AGAIN = 8, 2, 3
 """Steps of a track's own fit, of which the first ones forgive outliers; and steps from an earlier
@@ -96,7 +96,7 @@ class Linearisation(NamedTuple):
     losses: np.ndarray  # (tracks,) [rad^2]
     gradients: np.ndarray  # (knots, 9) of the losses of a knot's tracks by the globals
     slopes: np.ndarray  # (knots, reach) by the numbers at the knots
-    information: np.ndarray  # (knots, 9, 9) of the globals
+    information: np.ndarray  # (knots, 9, 9) of the globals, above the diagonal
     across: np.ndarray  # (knots, 9, reach) of globals and knots
     band: np.ndarray  # (3 * knots, reach) of the knots: row k, column c hold element (k, k + c)
 
@@ -116,10 +116,11 @@ class _Track(NamedTuple):
     pull: np.ndarray  # (m, 2, 2) acceleration that tilts, and its change with time
     knot: np.ndarray  # (m,) int64, knot at or before an observation, counted from the anchor's
     part: np.ndarray  # (m,) how far it is on the way to the next
-    J: np.ndarray  # (21, 2) derivatives of one observation, and
-    column: np.ndarray  # (21,) int64, of what
+    J: np.ndarray  # (15, 2) derivatives of one observation by all it depends on
+    own: np.ndarray  # (12, 16) information of globals and anchor, and of them what `shared` holds
+    mixed: np.ndarray  # (reach, 12) information of the knots at later times with these
     total: np.ndarray  # (9 + reach, 9 + reach) information of the track
-    shared: np.ndarray  # (9 + reach, 4) part of mean and distance in it, and the gradient
+    shared: np.ndarray  # (4, 9 + reach) part of mean (2) and distance in it, and the gradient
 
 
 @jit
@@ -154,7 +155,7 @@ def _fit(m, rho, steps, lag, options, track):
     weight, information = 0.0, 0.0
     for step in range(STEPS - steps, STEPS):
         weight = 0.0
-        mean_e, mean_g = np.zeros(2), np.zeros(2)
+        e0, e1, g0, g1 = 0.0, 0.0, 0.0, 0.0
         for i in range(m):
             s = max(1.0 - rho * z[i, VALUE], NEAREST)
             _flow(rho, s, a[i], z[i], dy[i], slowest, flow[i])
@@ -162,17 +163,17 @@ def _fit(m, rho, steps, lag, options, track):
             for c in range(2):
                 e[i, c] = y[i, c] + rho * a[i, VALUE, c] / s + lag * flow[i, c]
                 g[i, c] = -a[i, VALUE, c] / (s * s)
-                mean_e[c] += w[i] * e[i, c]
-                mean_g[c] += w[i] * g[i, c]
+            e0, e1 = e0 + w[i] * e[i, 0], e1 + w[i] * e[i, 1]
+            g0, g1 = g0 + w[i] * g[i, 0], g1 + w[i] * g[i, 1]
         if weight < 1e-9:
             return rho, 0.0, 0.0
+        e0, e1, g0, g1 = e0 / weight, e1 / weight, g0 / weight, g1 / weight
         slope, information = 0.0, 0.0
         for i in range(m):
-            for c in range(2):
-                e[i, c] -= mean_e[c] / weight
-                g[i, c] -= mean_g[c] / weight
-                slope += w[i] * g[i, c] * e[i, c]
-                information += w[i] * g[i, c] * g[i, c]
+            e[i, 0], e[i, 1] = e[i, 0] - e0, e[i, 1] - e1
+            g[i, 0], g[i, 1] = g[i, 0] - g0, g[i, 1] - g1
+            slope += w[i] * (g[i, 0] * e[i, 0] + g[i, 1] * e[i, 1])
+            information += w[i] * (g[i, 0] * g[i, 0] + g[i, 1] * g[i, 1])
         if not information > 1e-18:
             return rho, 0.0, 0.0
         if step == STEPS - 1:
@@ -190,105 +191,144 @@ def _fit(m, rho, steps, lag, options, track):
 
 
 @jit
-def _slope(i, k, c, rho, track):
-    """Return the derivative of an observation's residual by a column of `observe`."""
-    a, z = track.a[i], track.z[i]
+def _derivatives(i, rho, columns, tilt, track):
+    """Fill in the derivatives of observation i: by the globals, the anchor's turning and its own.
+
+    Without the columns after the rotation, only those by the rotation.
+    """
+    a, z, dy, pull, J = track.a[i], track.z[i], track.dy[i], track.pull, track.J
     s = max(1.0 - rho * z[VALUE], NEAREST)
-    return track.dy[i, k, c] + rho * (a[k, c] / s + rho * a[VALUE, c] * z[k] / (s * s))
-
-
-@jit
-def _derivatives(i, rho, part, track):
-    """Fill in the derivatives of observation i by all it depends on, the anchor's place given."""
-    J, column, pull, flow = track.J, track.column, track.pull, track.flow
-    later = track.part[i]
     for c in range(2):
+        near, bent = rho / s, rho * rho * a[VALUE, c] / (s * s)
         for k in range(3):
-            J[k, c] = _slope(i, ROTATION + k, c, rho, track)
-        J[LAG, c] = flow[i, c]
-        J[TIME, c] = _slope(i, OFFSET, c, rho, track)
+            p = ROTATION + k
+            J[k, c] = dy[p, c] + near * a[p, c] + bent * z[p]
+        if columns <= OFFSET:
+            continue
+        J[LAG, c] = track.flow[i, c]
+        J[TIME, c] = dy[OFFSET, c] + near * a[OFFSET, c] + bent * z[OFFSET]
         for k in range(2):
-            J[PLACE + k, c] = _slope(i, POSITION + k, c, rho, track)
+            J[PLACE + k, c] = near * a[POSITION + k, c] + bent * z[POSITION + k]
         for k in range(3):
-            now = _slope(i, LATER + k, c, rho, track)
-            then = _slope(i, FIRST + k, c, rho, track) if k < 2 else -now
-            row = UNKNOWNS + k
-            J[row, c], J[row + 3, c] = (1.0 - part) * then, part * then
-            J[row + 6, c], J[row + 9, c] = (1.0 - later) * now, later * now
-            if k < 2:
-                J[TILT + k, c] = now * pull[i, 0, k] + then * pull[0, 0, k]
-    for k in range(6):
-        column[UNKNOWNS + 6 + k] = UNKNOWNS + 3 * track.knot[i] + k
+            p = LATER + k
+            J[THEIRS + k, c] = dy[p, c] + near * a[p, c] + bent * z[p]
+        for k in range(2):
+            p = FIRST + k
+            J[UNKNOWNS + k, c] = dy[p, c] + near * a[p, c] + bent * z[p]
+            now, then = J[THEIRS + k, c], J[UNKNOWNS + k, c]
+            J[TILT + k, c] = now * pull[i, 0, k] + then * pull[0, 0, k]
+            # A tilt that changes is another one at another offset.
+            J[TIME, c] += tilt[k] * (now * pull[i, 1, k] + then * pull[0, 1, k])
+        J[UNKNOWNS + 2, c] = -J[THEIRS + 2, c]
 
 
 @jit
-def _tilting(i, rho, tilt, track):
-    """Add to the derivative by the offset what the tilt changes with time."""
-    for c in range(2):
-        for k in range(2):
-            now = _slope(i, LATER + k, c, rho, track)
-            then = _slope(i, FIRST + k, c, rho, track)
-            track.J[TIME, c] += tilt[k] * (now * track.pull[i, 1, k] + then * track.pull[0, 1, k])
-
-
-@jit
-def _gather(m, rho, information, part, tilt, everything, track):
+def _gather(m, rho, information, part, tilt, columns, track):
     """Sum up gradients and information of a track; return how many of the columns it fills."""
-    J, column, w, e, g = track.J, track.column, track.w, track.e, track.g
-    total, shared = track.total, track.shared
+    J, w, e, g, knot = track.J, track.w, track.e, track.g, track.knot
+    total, shared, own, mixed = track.total, track.shared, track.own, track.mixed
     entries, size = 3, 3
-    if everything:
-        entries, size = ENTRIES, UNKNOWNS + 3 * (track.knot[:m].max() + 2)
-    total[:size, :size] = 0.0
-    shared[:size] = 0.0
+    if columns > OFFSET:
+        entries, size = THEIRS, UNKNOWNS + 3 * (knot[:m].max() + 2)
+    total[:size, :size], shared[:, :size] = 0.0, 0.0
+    own[:entries], mixed[: size - UNKNOWNS] = 0.0, 0.0
     slope = 0.0
     for i in range(m):
         if w[i] == 0.0:
             continue
-        if everything:
-            _derivatives(i, rho, part, track)
-            if tilt[0] != 0.0 or tilt[1] != 0.0:
-                _tilting(i, rho, tilt, track)
-        else:
-            for k in range(3):
-                for c in range(2):
-                    J[k, c] = _slope(i, ROTATION + k, c, rho, track)
+        _derivatives(i, rho, columns, tilt, track)
         slope += w[i] * (g[i, 0] * e[i, 0] + g[i, 1] * e[i, 1])
         for p in range(entries):
-            row, j0, j1 = column[p], w[i] * J[p, 0], w[i] * J[p, 1]
-            shared[row, 0] += j0
-            shared[row, 1] += j1
-            shared[row, 2] += j0 * g[i, 0] + j1 * g[i, 1]
-            shared[row, 3] += j0 * e[i, 0] + j1 * e[i, 1]
-            for q in range(entries):
-                if column[q] >= row:
-                    total[row, column[q]] += j0 * J[q, 0] + j1 * J[q, 1]
+            j0, j1 = w[i] * J[p, 0], w[i] * J[p, 1]
+            for q in range(p, entries):
+                own[p, q] += j0 * J[q, 0] + j1 * J[q, 1]
+            own[p, THEIRS] += j0
+            own[p, THEIRS + 1] += j1
+            own[p, THEIRS + 2] += j0 * g[i, 0] + j1 * g[i, 1]
+            own[p, THEIRS + 3] += j0 * e[i, 0] + j1 * e[i, 1]
+        if entries == 3:
+            continue
+        u, row = track.part[i], 3 * knot[i]
+        for k in range(3):
+            j0, j1 = w[i] * J[THEIRS + k, 0], w[i] * J[THEIRS + k, 1]
+            for q in range(THEIRS):
+                value = j0 * J[q, 0] + j1 * J[q, 1]
+                mixed[row + k, q] += (1.0 - u) * value
+                mixed[row + k + 3, q] += u * value
+            sums = j0, j1, j0 * g[i, 0] + j1 * g[i, 1], j0 * e[i, 0] + j1 * e[i, 1]
+            for q in range(4):
+                shared[q, UNKNOWNS + row + k] += (1.0 - u) * sums[q]
+                shared[q, UNKNOWNS + row + k + 3] += u * sums[q]
+            for q in range(3):
+                value = j0 * J[THEIRS + q, 0] + j1 * J[THEIRS + q, 1]
+                _pair(total, UNKNOWNS + row + k, UNKNOWNS + row + q, u, u, value)
+    for p in range(min(entries, UNKNOWNS)):
+        shared[:, p] = own[p, THEIRS:]
+        total[p, p:entries] = own[p, p:entries]
+    if entries > 3:
+        _spread(size, part, track)
     for row in range(size):
-        shared[row, 3] -= shared[row, 2] * slope / information
+        shared[3, row] -= shared[2, row] * slope / information
     return size
+
+
+@jit
+def _pair(total, row, column, u, v, value):
+    """Add a product of two splines, each between a number and that three on, above the diagonal."""
+    if row <= column:
+        total[row, column] += (1.0 - u) * (1.0 - v) * value
+        total[row + 3, column + 3] += u * v * value
+    total[row, column + 3] += (1.0 - u) * v * value
+
+
+@jit
+def _spread(size, part, track):
+    """Bring to the knots what hangs on the turning at the anchor."""
+    total, shared, own, mixed = track.total, track.shared, track.own, track.mixed
+    for p in range(UNKNOWNS):
+        total[p, UNKNOWNS:size] = mixed[: size - UNKNOWNS, p]
+    for k in range(3):
+        row, base = UNKNOWNS + k, UNKNOWNS + k
+        for p in range(UNKNOWNS):
+            total[p, row] += (1.0 - part) * own[p, base]
+            total[p, row + 3] += part * own[p, base]
+        for q in range(4):
+            shared[q, row] += (1.0 - part) * own[base, THEIRS + q]
+            shared[q, row + 3] += part * own[base, THEIRS + q]
+        for q in range(3):
+            value = own[min(base, UNKNOWNS + q), max(base, UNKNOWNS + q)]
+            _pair(total, row, UNKNOWNS + q, part, part, value)
+        for other in range(UNKNOWNS, size):
+            value = mixed[other - UNKNOWNS, base]
+            for low, share in ((row, 1.0 - part), (row + 3, part)):
+                twice = 2.0 if low == other else 1.0
+                total[min(low, other), max(low, other)] += twice * share * value
 
 
 @jit
 def _add(size, knot, weight, information, track, out):
     """Add a track's sums, less what mean and distance take, to those of its knot."""
-    total, shared = track.total, track.shared
+    total, shared, edge = track.total, track.shared, min(size, UNKNOWNS)
+    whole, across = out.information[knot], out.across[knot]
     for row in range(size):
-        s0, s1 = shared[row, 0] / weight, shared[row, 1] / weight
-        s2, gradient = shared[row, 2] / information, shared[row, 3]
-        if row < UNKNOWNS:
-            out.gradients[knot, row] += gradient
-        else:
-            out.slopes[knot, row - UNKNOWNS] += gradient
+        s0, s1 = shared[0, row] / weight, shared[1, row] / weight
+        s2 = shared[2, row] / information
+        if row >= edge and s0 == 0.0 and s1 == 0.0 and s2 == 0.0:
+            # No observation at this knot.
+            continue
         for k in range(row, size):
-            value = total[row, k] - s0 * shared[k, 0] - s1 * shared[k, 1] - s2 * shared[k, 2]
-            if k < UNKNOWNS:
-                out.information[knot, row, k] += value
-                if k > row:
-                    out.information[knot, k, row] += value
-            elif row < UNKNOWNS:
-                out.across[knot, row, k - UNKNOWNS] += value
-            else:
-                out.band[3 * knot + row - UNKNOWNS, k - row] += value
+            total[row, k] -= s0 * shared[0, k] + s1 * shared[1, k] + s2 * shared[2, k]
+        if row < edge:
+            out.gradients[knot, row] += shared[3, row]
+            for k in range(row, edge):
+                whole[row, k] += total[row, k]
+            for k in range(edge, size):
+                across[row, k - edge] += total[row, k]
+        else:
+            out.slopes[knot, row - edge] += shared[3, row]
+            band = out.band[3 * knot + row - edge]
+            for k in range(row, size):
+                band[k - row] += total[row, k]
 
 
 @jit
@@ -307,7 +347,6 @@ def _turning(at, knots, start, spacing, pull, tilt):
 @jit
 def _room(most, reach):
     """Return room for a track."""
-    column = np.arange(ENTRIES)
     return _Track(
         np.zeros(most),
         np.zeros((most, COLUMNS, 2)),
@@ -322,9 +361,10 @@ def _room(most, reach):
         np.zeros(most, np.int64),
         np.zeros(most),
         np.zeros((ENTRIES, 2)),
-        column,
+        np.zeros((THEIRS, THEIRS + 4)),
+        np.zeros((reach, THEIRS)),
         np.zeros((UNKNOWNS + reach, UNKNOWNS + reach)),
-        np.zeros((UNKNOWNS + reach, 4)),
+        np.zeros((4, UNKNOWNS + reach)),
     )
 
 
@@ -367,8 +407,6 @@ def linearise(tracks, R, unknowns, motion, options, out):
         track.knot[0], track.part[0] = 0, part
         for c in range(2):
             pull[0, 0, c], pull[0, 1, c] = before.pull[c], before.jerk[c]
-        for c in range(6):
-            track.column[UNKNOWNS + c] = UNKNOWNS + c
         seen = 0
         for i in range(1, m):
             known[i] = 0.0
@@ -412,5 +450,5 @@ def linearise(tracks, R, unknowns, motion, options, out):
             if i > 0:
                 weights[low + i - 1] = w[i]
                 residuals[low + i - 1] = e[i]
-        size = _gather(m, rho, information, part, tilt, options.everything, track)
+        size = _gather(m, rho, information, part, tilt, columns, track)
         _add(size, knot, weight, information, track, out)
