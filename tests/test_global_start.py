@@ -1,4 +1,4 @@
-"""The start from nothing: its closed form against SciPy, and found from any motion that shows it."""
+"""The start from nothing: its closed form against SciPy, and any motion that shows it."""
 
 from dataclasses import replace
 from types import SimpleNamespace
