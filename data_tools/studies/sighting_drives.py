@@ -260,9 +260,7 @@ def sight(
     )
 
 
-def _shake(
-    drive: Drive, rng: np.random.Generator, fault: Fault
-) -> Callable[[Floats], Floats]:
+def _shake(drive: Drive, rng: np.random.Generator, fault: Fault) -> Callable[[Floats], Floats]:
     """Return by what the body is turned beyond its drive, as rotation vectors [rad] of times."""
     t = np.arange(0.0, drive.duration + 0.05, 0.002)
     turned = np.zeros((t.size, 3))

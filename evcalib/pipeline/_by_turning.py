@@ -13,7 +13,7 @@ from evcalib.alignment.verdict import judge
 from evcalib.arrays import Floats
 from evcalib.errors import InputError, NoAnswerError
 from evcalib.heading import HeadingEstimate
-from evcalib.joint import JointRefinement, global_start
+from evcalib.joint import JointRefinement
 from evcalib.joint.tracks import tracks_of
 from evcalib.kinematics.velocity_track import VelocityTrack, smoothed, velocity_track
 from evcalib.pipeline._assessment import RefinedCalibration, finish, offset_observable
@@ -66,15 +66,7 @@ def by_turning(
     tracks = tracks_of(estimate.correspondences)
     refine = Refiner(tracks, velocities, track, turning, asked)
     with stage("global start"):
-        start = global_start(
-            tracks,
-            velocities,
-            track,
-            focal=asked.focal,
-            max_offset=asked.max_offset,
-            lever=asked.told.lever,
-            seed=asked.seed,
-        )
+        start = refine.start()
     if start is None:
         raise NoAnswerError(
             f"only {len(tracks)} corners were seen again and again while the velocities tell the"

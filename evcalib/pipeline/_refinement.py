@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from evcalib.arrays import Floats
-from evcalib.joint import JointRefinement, Systematic, refine_jointly
+from evcalib.joint import JointRefinement, Start, Systematic, global_start, refine_jointly
 from evcalib.joint.tracks import Tracks
 from evcalib.kinematics.velocity_track import VelocityTrack
 from evcalib.pipeline._position import Told, contradicts
@@ -35,6 +35,18 @@ class Refiner:
     track: VelocityTrack
     turning: float
     asked: Asked
+
+    def start(self) -> Start | None:
+        """Return where to begin without headings; None where too few tracks are covered."""
+        return global_start(
+            self.tracks,
+            self.velocities,
+            self.track,
+            focal=self.asked.focal,
+            max_offset=self.asked.max_offset,
+            lever=self.asked.told.lever,
+            seed=self.asked.seed,
+        )
 
     def __call__(
         self,
