@@ -271,3 +271,29 @@ def test_the_velocity_of_the_cameras_place_is_that_of_a_rigid_body():
     np.testing.assert_allclose(moved.v, want, atol=2e-3)
     straight = VelocitySeries(t, told.v)
     assert at_camera(straight, np.array(LEVER)) is straight
+
+
+def test_headings_that_say_nothing_do_not_stand_in_the_way():
+    """The sightings start by themselves, where the alignment has no answer."""
+    estimate = estimated("sweep")
+    v = np.random.default_rng(0).standard_normal(estimate.headings.v.shape)
+    odd = replace(estimate.headings, v=v / np.linalg.norm(v, axis=1, keepdims=True))
+    found = calibrate_estimate(
+        replace(estimate, headings=odd), made("sweep").velocities, focal=CAMERA.focal
+    )
+    assert found.joint is not None
+    assert np.degrees(rotation_angle(found.joint.R_body_cam, R_BODY_CAM)) < 1.0
+    assert abs(found.joint.offset - OFFSET) < 0.02
+
+
+def test_a_body_that_only_turns_shows_the_offset_and_its_axis():
+    """Wheels that say 0.0 m/s all the time."""
+    drive = made("in place")
+    velocities = replace(drive.velocities, v=np.zeros_like(drive.velocities.v))
+    found = calibrate_estimate(estimated("in place"), velocities, focal=CAMERA.focal)
+    assert not found.rotation_observable
+    assert found.offset_observable
+    assert abs(found.offset - OFFSET) < 0.03
+    straight = replace(velocities, yaw_rate=0 * velocities.t)
+    with pytest.raises(InputError, match="does not move"):
+        velocity_track(straight)

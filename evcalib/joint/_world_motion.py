@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from evcalib.arrays import Floats
 from evcalib.kernels.joint.observation_model import WorldMotion
 from evcalib.kernels.kinematics import velocity_track as track_kernel
 from evcalib.kinematics.velocity_track import VelocityTrack, smoothed

@@ -219,7 +219,7 @@ def finish(
         turning_counted=True,
     )
     verdict = judge(diagnostics, offset, rotation)
-    how = _how(joint, diagnostics.heading_rate_z)
+    how = _how(joint, diagnostics.heading_rate_z, turning)
     return RefinedCalibration.of(
         offset,
         rotation,
@@ -253,8 +253,8 @@ def doubts_of(joint: JointRefinement, headings: HeadingSeries) -> tuple[str, ...
         )
     if joint.turning[2] > TURNING:
         doubts.append(
-            f"The body turns by {np.degrees(joint.turning[2]):.1f} deg/s (rms) that the odometry does"
-            " not tell."
+            f"The body turns by {np.degrees(joint.turning[2]):.1f} deg/s (rms) that the odometry"
+            " does not tell."
         )
     return tuple(doubts)
 
@@ -298,8 +298,10 @@ def _residuals(before: Residuals, headings: HeadingSeries, R: Floats) -> Residua
     return replace(before, turned=turned, angle=angle)
 
 
-def _how(joint: JointRefinement, rate_z: float) -> str:
+def _how(joint: JointRefinement, rate_z: float, turning: float) -> str:
     shows = "the changes of speed" if rate_z < RATE_GATE else "turns and changes of speed"
+    if turning:
+        shows = "the turning of the body, and changes of speed"
     return (
         f"Refined on {joint.observations} sightings of {joint.tracks} corners"
         f" ({100 * joint.inlier_share:.0f} % followed, {joint.noise:.2f} px each): the offset shows"

@@ -12,8 +12,9 @@ from evcalib.alignment import Calibration, OffsetAnswer, RotationAnswer, align, 
 from evcalib.alignment.verdict import judge
 from evcalib.arrays import Floats
 from evcalib.errors import InputError, NoAnswerError
+from evcalib.geometry import rotation_vector_to_matrix
 from evcalib.heading import HeadingEstimate
-from evcalib.joint import JointRefinement
+from evcalib.joint import JointRefinement, Start
 from evcalib.joint.tracks import tracks_of
 from evcalib.kinematics.velocity_track import VelocityTrack, smoothed, velocity_track
 from evcalib.pipeline._assessment import RefinedCalibration, finish, offset_observable
@@ -23,6 +24,10 @@ from evcalib.pipeline._refinement import Asked, Refiner
 from evcalib.pipeline._turning import turns_variously
 from evcalib.series import VelocitySeries
 from evcalib.uncertainty import UNKNOWN
+
+AROUND = 0.2
+"""How far from its start the camera is put [m] where it cannot begin there.  A choice, as good as
+any: distances go with it."""
 
 Stage = Callable[[str], AbstractContextManager[None]]
 
@@ -74,6 +79,8 @@ def by_turning(
         )
     with stage("refinement"):
         joint, free = refine(start.R_body_cam, start.offset, start.position)
+        if joint is None:
+            joint, start = _from_around(refine, start)
         known = joint is not None and offset_observable(joint, track, asked.max_offset, velocities)
         if not known:
             used = asked.offset or 0.0
@@ -108,6 +115,22 @@ def _without_yaw(joint: JointRefinement) -> JointRefinement:
     covariance = joint.covariance.copy()
     covariance[2, 2] += UNKNOWN
     return replace(joint, covariance=covariance)
+
+
+def _from_around(refine: Refiner, start: Start) -> tuple[JointRefinement | None, Start]:
+    """Refine with the camera held beside its start, and return the best with where it began.
+
+    At the very point that a body turns about, a camera sees no distances.  If the body only turns,
+    any place beside it does: angles of place and yaw trade, and so do distances.
+    """
+    place, best = start.position + [AROUND, 0.0, 0.0], start
+    found: JointRefinement | None = None
+    for angle in 0.5 * np.pi * np.arange(4):
+        R = rotation_vector_to_matrix([0.0, 0.0, angle]) @ start.R_body_cam
+        joint, _ = refine(R, start.offset, place, estimate_position=False)
+        if joint is not None and (found is None or joint.inlier_share > found.inlier_share):
+            found, best = joint, replace(start, R_body_cam=R, position=place)
+    return found, best
 
 
 def _headings(

@@ -55,18 +55,19 @@ class Refiner:
         position: Floats | None = None,
         *,
         estimate_offset: bool = True,
+        estimate_position: bool = True,
     ) -> tuple[JointRefinement | None, JointRefinement | None]:
         """Return the refinement, and the one that estimated the position, if one did.
 
         A position that was given holds, unless the data contradict it; another one is where the
-        search for it starts.
+        search for it starts.  Without that search it holds, too.
         """
         told = self.asked.told
         lever = told.lever
         if told.position is None and position is not None:
             lever = float(position[0]), float(position[1]), lever[2]
         start = R_body_cam, offset
-        if self.turning <= TURNS:
+        if self.turning <= TURNS or not estimate_position:
             return self._refine(start, lever, estimate_offset, False), None
         free = self._refine(start, lever, estimate_offset, True)
         if free is None or told.position is None or contradicts(free, told):
