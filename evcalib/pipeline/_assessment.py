@@ -109,7 +109,18 @@ class RefinedCalibration(Calibration):
 
 
 def position_text(found: RefinedCalibration) -> str:
-    """Return the camera's position in words, a coordinate each."""
+    """Return the camera's position in words, a coordinate each.
+
+    Parameters
+    ----------
+    found : RefinedCalibration
+        With its position.
+
+    Returns
+    -------
+    str
+        Value and standard deviation, or "as given", or "not seen".
+    """
     words = []
     for name, value, sd, seen in zip(
         "xyz", found.position, found.position_sd, (*found.position_observable, False), strict=True
