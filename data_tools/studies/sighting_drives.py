@@ -265,9 +265,9 @@ def _shake(drive: Drive, rng: np.random.Generator, fault: Fault) -> Callable[[Fl
     t = np.arange(0.0, drive.duration + 0.05, 0.002)
     turned = np.zeros((t.size, 3))
     if fault.tilt:
-        v, rate = drive.velocity(t), 2 * np.pi * SUSPENSION[0]
+        v, own = drive.velocity(t), 2 * np.pi * SUSPENSION[0]
         ahead, left = np.gradient(v[:, :2], t, axis=0).T + drive.yaw_rate(t) * [-v[:, 1], v[:, 0]]
-        swing = [rate**2], [1.0, 2 * SUSPENSION[1] * rate, rate**2]
+        swing = [own**2], [1.0, 2 * SUSPENSION[1] * own, own**2]
         for axis, pull in ((0, left), (1, -ahead)):
             turned[:, axis] = fault.tilt * lsim(swing, pull, t)[1]
     if fault.vibration:

@@ -100,10 +100,10 @@ def turning(problem: Problem, fit: Fit) -> Floats:
     spacing = problem.turning.knots.spacing
     told = np.unique(problem.turning.knots.of(problem.tracks.t2))
     knots = fit.knots[told[0] : told[-1] + 1]
-    step = max(min(round(TURNS / spacing), len(knots) - 1), 1)
+    half = min(max(round(0.5 * TURNS / spacing), 1), max(len(knots) // 3, 1))
+    yaw = knots[: len(knots) // half * half, 2:].reshape(-1, half).mean(axis=1)[:, None]
     swing = np.diff(knots[:, :2], axis=0) / spacing
-    yaw = np.diff(knots[::step, 2:], axis=0) / (step * spacing)
-    return np.concatenate([_rms(swing), _rms(yaw)])
+    return np.concatenate([_rms(swing), _rms((yaw[2:] - yaw[:-2]) / (2 * half * spacing))])
 
 
 def _rms(values: Floats) -> Floats:

@@ -8,7 +8,7 @@ import numpy as np
 
 from evcalib.arrays import Flags, Floats
 from evcalib.geometry import rotation_vector_to_matrix
-from evcalib.joint._turning import Knots, Turning
+from evcalib.joint._turning import Turning
 from evcalib.joint.tracks import Tracks
 from evcalib.kernels.joint import observations as kernel
 from evcalib.kernels.joint.observation_model import WorldMotion
@@ -113,8 +113,7 @@ def begin(
 ) -> Fit:
     """Return the unknowns to start from, those but rotation and offset as in another fit."""
     n, k = int(problem.tracks.first[-1]), len(problem.tracks)
-    values = np.where(np.isfinite(problem.prior), problem.prior, 0.0) if like is None else None
-    values = values if like is None else like.values.copy()
+    values = (problem.prior if like is None else like.values).copy()
     values[OFFSET] = offset
     none = np.zeros(0)
     return Fit(
@@ -314,9 +313,7 @@ def solve(problem: Problem, fit: Fit, free: Flags, widest: float) -> Fit | None:
             wanted = float(np.clip(LOSS_SCALE * fit.noise, 0.25 * widest, widest))
             if settled and wanted > 0.9 * fit.loss_scale:
                 break
-            fit.loss_scale = float(
-                np.clip(LOSS_SCALE * fit.noise, 0.7 * fit.loss_scale, fit.loss_scale)
-            )
+            fit.loss_scale = float(np.clip(wanted, 0.7 * fit.loss_scale, fit.loss_scale))
             fit.spread = reduced.spread
     linearise(problem, fit)
     return fit
@@ -385,21 +382,3 @@ def slope_of_loss(fit: Fit) -> float:
     u = np.minimum(np.sum(fit.residuals[used] ** 2, axis=1) / fit.loss_scale**2, 1.0)
     slope = (1.0 - u) * (1.0 - 3.0 * u)
     return max(float(slope.sum() / fit.weights[used].sum()), 0.2)
-
-
-__all__ = [
-    "Fit",
-    "Knots",
-    "Problem",
-    "Reduced",
-    "Turning",
-    "begin",
-    "converged",
-    "covariance_of",
-    "linearise",
-    "long_run",
-    "slope_of_loss",
-    "solve",
-    "step",
-    "turn",
-]

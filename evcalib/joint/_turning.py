@@ -57,7 +57,7 @@ class Knots:
     @property
     def times(self) -> Floats:
         """Times of the knots, from the first [s]."""
-        return self.spacing * np.arange(self.count)
+        return np.arange(self.count, dtype=np.float64) * self.spacing
 
     def of(self, t: Floats) -> Integers:
         """Return the knot at or before each time."""
