@@ -116,7 +116,18 @@ class RefinedCalibration(Calibration):
 
 
 def position_text(found: RefinedCalibration) -> str:
-    """Return the camera's position in words, a coordinate each."""
+    """Return the camera's position in words, a coordinate each.
+
+    Parameters
+    ----------
+    found : RefinedCalibration
+        With its position.
+
+    Returns
+    -------
+    str
+        Value and standard deviation, or "as given", or "not seen".
+    """
     words = []
     for name, value, sd, seen in zip(
         "xyz", found.position, found.position_sd, (*found.position_observable, False), strict=True
@@ -226,7 +237,7 @@ def finish(
         turning_counted=True,
     )
     verdict = judge(diagnostics, offset, rotation)
-    how = _how(joint, diagnostics.heading_rate_z)
+    how = _how(joint, diagnostics.heading_rate_z, turning)
     return RefinedCalibration.of(
         offset,
         rotation,
@@ -305,8 +316,10 @@ def _residuals(before: Residuals, headings: HeadingSeries, R: Floats) -> Residua
     return replace(before, turned=turned, angle=angle)
 
 
-def _how(joint: JointRefinement, rate_z: float) -> str:
+def _how(joint: JointRefinement, rate_z: float, turning: float) -> str:
     shows = "the changes of speed" if rate_z < RATE_GATE else "turns and changes of speed"
+    if turning:
+        shows = "the turning of the body, and changes of speed"
     return (
         f"Refined on {joint.observations} sightings of {joint.tracks} corners"
         f" ({100 * joint.inlier_share:.0f} % followed, {joint.noise:.2f} px each): the offset shows"

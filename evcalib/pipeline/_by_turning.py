@@ -12,9 +12,10 @@ from evcalib.alignment import Calibration, OffsetAnswer, RotationAnswer, align, 
 from evcalib.alignment.verdict import judge
 from evcalib.arrays import Floats
 from evcalib.errors import InputError, NoAnswerError
+from evcalib.geometry import rotation_vector_to_matrix
 from evcalib.heading import HeadingEstimate
 from evcalib.heading.gyro import as_seen
-from evcalib.joint import JointRefinement, global_start
+from evcalib.joint import JointRefinement, Start
 from evcalib.joint.tracks import tracks_of
 from evcalib.kinematics.velocity_track import VelocityTrack, smoothed, velocity_track
 from evcalib.pipeline._assessment import RefinedCalibration, finish, offset_observable
@@ -22,8 +23,13 @@ from evcalib.pipeline._derotation import at_camera, derotated
 from evcalib.pipeline._gyro import doubted
 from evcalib.pipeline._position import positioned
 from evcalib.pipeline._refinement import Asked, Refiner
+from evcalib.pipeline._turning import turns_variously
 from evcalib.series import VelocitySeries
 from evcalib.uncertainty import UNKNOWN
+
+AROUND = 0.2
+"""How far from its start the camera is put [m] where it cannot begin there.  A choice, as good as
+any: distances go with it."""
 
 Stage = Callable[[str], AbstractContextManager[None]]
 
@@ -70,15 +76,7 @@ def by_turning(
     seen = tracks if gyro is None else tracks_of(as_seen(found, gyro.attitude))
     refine = Refiner(tracks, velocities, track, turning, asked)
     with stage("global start"):
-        start = global_start(
-            seen,
-            velocities,
-            track,
-            focal=asked.focal,
-            max_offset=asked.max_offset,
-            lever=asked.told.lever,
-            seed=asked.seed,
-        )
+        start = replace(refine, tracks=seen).start()
     if start is None:
         raise NoAnswerError(
             f"only {len(tracks)} corners were seen again and again while the velocities tell the"
@@ -86,6 +84,8 @@ def by_turning(
         )
     with stage("refinement"):
         joint, free = refine(start.R_body_cam, start.offset, start.position)
+        if joint is None:
+            joint, start = _from_around(refine, start)
         known = joint is not None and offset_observable(joint, track, asked.max_offset, velocities)
         if not known:
             used = asked.offset or 0.0
@@ -97,6 +97,10 @@ def by_turning(
     with stage("alignment"):
         headings, moved = _headings(estimate, velocities, track, joint, asked)
         aligned = _aligned(headings, moved, asked)
+    part = joint.span[0] + joint.offset, joint.span[1] + joint.offset
+    various = turns_variously(velocities, track, *part)
+    if not various:
+        joint = _without_yaw(joint)
     if known:
         final = finish(
             aligned, joint, headings.headings, velocity_track(moved), asked.max_offset, turning=turning
@@ -106,8 +110,34 @@ def by_turning(
     final = final.widened(velocities.direction_sd)
     if gyro is not None:
         final = doubted(final, gyro.doubts(final))
-    trusted = known or asked.offset is not None
+    trusted = various and (known or asked.offset is not None)
     return positioned(final, asked.told, turning, free, trusted=trusted), headings
+
+
+def _without_yaw(joint: JointRefinement) -> JointRefinement:
+    """Return a refinement that knows nothing of the turn about the body's axis.
+
+    Where all twists are multiples of one, noise of the odometry alone would tell it.
+    """
+    covariance = joint.covariance.copy()
+    covariance[2, 2] += UNKNOWN
+    return replace(joint, covariance=covariance)
+
+
+def _from_around(refine: Refiner, start: Start) -> tuple[JointRefinement | None, Start]:
+    """Refine with the camera held beside its start, and return the best with where it began.
+
+    At the very point that a body turns about, a camera sees no distances.  If the body only turns,
+    any place beside it does: angles of place and yaw trade, and so do distances.
+    """
+    place, best = start.position + [AROUND, 0.0, 0.0], start
+    found: JointRefinement | None = None
+    for angle in 0.5 * np.pi * np.arange(4):
+        R = rotation_vector_to_matrix([0.0, 0.0, angle]) @ start.R_body_cam
+        joint, _ = refine(R, start.offset, place, estimate_position=False)
+        if joint is not None and (found is None or joint.inlier_share > found.inlier_share):
+            found, best = joint, replace(start, R_body_cam=R, position=place)
+    return found, best
 
 
 def _headings(

@@ -17,9 +17,10 @@ from evcalib.alignment import Calibration, align, enough
 from evcalib.camera import Camera
 from evcalib.errors import InputError, NoAnswerError
 from evcalib.events import Events
+from evcalib.geometry import rotation_angle
 from evcalib.heading import HeadingEstimate, estimate_headings
 from evcalib.imu import ImuSeries
-from evcalib.joint import SYSTEMATIC, JointRefinement, Systematic
+from evcalib.joint import SURE, SYSTEMATIC, JointRefinement, Systematic
 from evcalib.joint.tracks import tracks_of
 from evcalib.kinematics import MAX_REACH, BodyVelocities
 from evcalib.kinematics.velocity_track import VelocityTrack, velocity_track
@@ -33,6 +34,10 @@ from evcalib.pipeline._turning import LEADS, turning_beyond_noise
 from evcalib.series import VelocitySeries, clocks_apart
 
 REFINEMENTS = ("tracks", "none")
+
+AWAY = np.radians(15.0)
+"""A start nearer than this [rad] to the alignment's rotation leads to the same refinement: a choice
+of half of what the refinement draws in."""
 
 STRANGE_LAG = 4.0
 """Standard deviations beyond which the lag of corners is not believed.
@@ -332,7 +337,9 @@ def _refined(
     tracks = tracks_of(estimate.correspondences.select(found))
     refine = Refiner(tracks, velocities, track, turning, asked)
     joint, free = refine(aligned.R_body_cam, aligned.offset)
-    if joint is not None and offset_observable(joint, track, asked.max_offset):
+    if not _determines(joint, track, asked) and not aligned.rotation_observable:
+        joint, free = _from_nothing(refine, aligned, joint, free)
+    if joint is not None and _determines(joint, track, asked):
         return finish(aligned, joint, estimate.headings, track, asked.max_offset), free
     joint, free = refine(aligned.R_body_cam, aligned.offset, estimate_offset=False)
     lag = asked.systematic
@@ -340,6 +347,22 @@ def _refined(
         # A lag that corners do not have makes up for an offset that is not the true one.
         return RefinedCalibration.after(aligned), None
     return keep(aligned, joint, estimate.headings), free
+
+
+def _determines(joint: JointRefinement | None, track: VelocityTrack, asked: Asked) -> bool:
+    return joint is not None and offset_observable(joint, track, asked.max_offset)
+
+
+def _from_nothing(
+    refine: Refiner, aligned: Calibration, *otherwise: JointRefinement | None
+) -> tuple[JointRefinement | None, ...]:
+    """Return a refinement from a start without headings, if there is one that stands out."""
+    start = refine.start()
+    if start is None or start.margin < SURE:
+        return otherwise
+    if rotation_angle(start.R_body_cam, aligned.R_body_cam) < AWAY:
+        return otherwise
+    return refine(start.R_body_cam, start.offset)
 
 
 def _overlapping(

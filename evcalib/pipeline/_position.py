@@ -8,7 +8,6 @@ from typing import NamedTuple
 import numpy as np
 from scipy import stats
 
-from evcalib.display import Shown
 from evcalib.joint import SURE, JointRefinement
 from evcalib.pipeline._assessment import RefinedCalibration
 from evcalib.pipeline._turning import TURNS
@@ -43,7 +42,7 @@ class Told(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Unknown(Shown):
+class Unknown:
     """One of the unknowns, and whether the motion determines it.
 
     Attributes
@@ -68,6 +67,11 @@ class Unknown(Shown):
     unit: str
     reason: str
     advice: str = ""
+
+    def __str__(self) -> str:
+        exact = f" (sd {self.sd:.3g} {self.unit})" if np.isfinite(self.sd) else ""
+        answer = "determined" if self.determined else "not determined"
+        return " ".join(f"{self.name} {answer}{exact}: {self.reason} {self.advice}".split())
 
 
 def contradicts(joint: JointRefinement, told: Told) -> bool:
@@ -187,15 +191,15 @@ def _coordinate(
     given = "" if told.position is None else "; taken as given"
     if turning <= TURNS:
         reason = f"The body does not turn, so that all places on it move alike{given}."
-    elif not found.offset_observable:
+    elif not found.rotation_observable:
         reason = (
-            "The body turns at a constant rate about one point: the camera's position trades with"
-            f" its rotation{given}."
+            "The body turns about one point all the time, or at a constant rate: the camera's"
+            f" position trades with its yaw{given}."
         )
     else:
         reason = (
             f"The motion does not show the camera's {name} (sd {min(sd, 99.0):.2g} m): it turns too"
-            f" little, or about the same point all the time, where position trades with yaw{given}."
+            f" little, or nearly about one point{given}."
         )
     return Unknown(name, False, sd, "m", reason, FIGURE_EIGHTS)
 

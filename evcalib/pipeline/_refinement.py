@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from evcalib.arrays import Floats
-from evcalib.joint import JointRefinement, Systematic, refine_jointly
+from evcalib.joint import JointRefinement, Start, Systematic, global_start, refine_jointly
 from evcalib.joint.tracks import Tracks
 from evcalib.kinematics.velocity_track import VelocityTrack
 from evcalib.pipeline._gyro import Gyro
@@ -38,6 +38,18 @@ class Refiner:
     turning: float
     asked: Asked
 
+    def start(self) -> Start | None:
+        """Return where to begin without headings; None where too few tracks are covered."""
+        return global_start(
+            self.tracks,
+            self.velocities,
+            self.track,
+            focal=self.asked.focal,
+            max_offset=self.asked.max_offset,
+            lever=self.asked.told.lever,
+            seed=self.asked.seed,
+        )
+
     def __call__(
         self,
         R_body_cam: Floats,
@@ -45,18 +57,19 @@ class Refiner:
         position: Floats | None = None,
         *,
         estimate_offset: bool = True,
+        estimate_position: bool = True,
     ) -> tuple[JointRefinement | None, JointRefinement | None]:
         """Return the refinement, and the one that estimated the position, if one did.
 
         A position that was given holds, unless the data contradict it; another one is where the
-        search for it starts.
+        search for it starts.  Without that search it holds, too.
         """
         told = self.asked.told
         lever = told.lever
         if told.position is None and position is not None:
             lever = float(position[0]), float(position[1]), lever[2]
         start = R_body_cam, offset
-        if self.turning <= TURNS:
+        if self.turning <= TURNS or not estimate_position:
             return self._refine(start, lever, estimate_offset, False), None
         free = self._refine(start, lever, estimate_offset, True)
         if free is None or told.position is None or contradicts(free, told):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy import stats
 
-from evcalib.arrays import Floats, Integers
+from evcalib.arrays import Floats
 from evcalib.kinematics.velocity_track import VelocityTrack
 from evcalib.series import VelocitySeries, bins
 from evcalib.uncertainty import coloured_noise
@@ -23,42 +23,68 @@ LEADS = 0.1
 without them.  A choice: over a baseline of 0.3 s the body turns by 2 degrees, and corners 3 m ahead
 move by as much for a translation at 0.3 m/s."""
 
+LAST_DIGIT = 1e-3
+"""Velocities [m/s] and yaw rates [rad/s] are never taken to be more exact than this, a log's last
+digit."""
+
+VARIOUS = 3.0
+"""By how much twists must differ from multiples of one, against noise (rms over rms).  At 3, noise
+makes a tenth of the difference, and bends what rests on it by as much."""
+
 
 def turning_beyond_noise(velocities: VelocitySeries, track: VelocityTrack) -> float:
     """Return the root mean square yaw rate [rad/s] less what is noise; 0 where it is not told."""
     if velocities.yaw_rate is None or len(velocities) < 2:
         return 0.0
-    rate, variance = _blocks(velocities, track, np.arange(len(velocities)))
-    return float(np.sqrt(max(float(np.mean(rate**2)) - variance, 0.0)))
+    twist, sd = _blocks(velocities, track, track.t[0], track.t[-1])
+    return float(np.sqrt(max(float(np.mean(twist[:, 2] ** 2)) - sd[2] ** 2, 0.0)))
 
 
 def yaw_rate_changes(
     velocities: VelocitySeries, track: VelocityTrack, start: float, end: float
 ) -> float:
     """Return by how many standard deviations the yaw rate varies within a part [s] of the track."""
-    used = np.flatnonzero((track.t >= start) & (track.t <= end))
-    if velocities.yaw_rate is None or used.size < 2:
+    if velocities.yaw_rate is None:
         return 0.0
-    rate, variance = _blocks(velocities, track, used)
-    if rate.size < 3:
+    twist, sd = _blocks(velocities, track, start, end)
+    if len(twist) < 3:
         return 0.0
-    # Four digits of a log, at a turn within ten seconds.
-    variance += 1e-8
-    square, dof = float(np.sum((rate - rate.mean()) ** 2)) / variance, rate.size - 1
-    return float(stats.norm.isf(max(stats.chi2.sf(square, dof), 1e-300)))
+    rate = twist[:, 2]
+    square = float(np.sum((rate - rate.mean()) ** 2)) / max(sd[2], 0.1 * LAST_DIGIT) ** 2
+    return float(stats.norm.isf(max(stats.chi2.sf(square, rate.size - 1), 1e-300)))
+
+
+def turns_variously(
+    velocities: VelocitySeries, track: VelocityTrack, start: float, end: float
+) -> bool:
+    """Tell whether the body turns about more than one point, or also without turning.
+
+    Twists that are multiples of one, as on a circle or in turning in place, move the camera in one
+    direction of the body all the time: its yaw and its position stay unknown.
+    """
+    if velocities.yaw_rate is None:
+        return False
+    twist, sd = _blocks(velocities, track, start, end)
+    if len(twist) < 3:
+        return False
+    size = np.linalg.svd(twist / np.maximum(sd, LAST_DIGIT), compute_uv=False)
+    return float(np.sqrt(np.sum(size[1:] ** 2) / (2 * len(twist)))) > VARIOUS
 
 
 def _blocks(
-    velocities: VelocitySeries, track: VelocityTrack, used: Integers
-) -> tuple[Floats, float]:
-    """Return mean yaw rates of blocks, and the variance that noise leaves of one."""
+    velocities: VelocitySeries, track: VelocityTrack, start: float, end: float
+) -> tuple[Floats, Floats]:
+    """Return mean twists (x, y, yaw) of blocks, and the standard deviations that noise leaves."""
     assert velocities.yaw_rate is not None
-    t, rate = track.t[used], velocities.yaw_rate[used]
-    block = np.unique(bins(t - t[0], BLOCK), return_inverse=True)[1]
+    twist = np.column_stack([velocities.v[:, :2], velocities.yaw_rate])
+    used = np.flatnonzero((track.t >= start) & (track.t <= end))
+    if used.size < 2:
+        return np.empty((0, 3)), np.ones(3)
+    block = np.unique(bins(track.t[used] - track.t[used[0]], BLOCK), return_inverse=True)[1]
     count = np.bincount(block)
     full = count >= 0.8 * np.median(count)
-    mean = (np.bincount(block, rate) / count)[full]
-    step = float(np.median(np.diff(track.t)))
-    sigma, rho = coloured_noise(velocities.yaw_rate[:, None], track.segment, step)
-    variance = float(sigma[0]) ** 2 * (1 + rho) / (1 - rho) * float(np.mean(1.0 / count[full]))
-    return mean, variance
+    sums = np.stack([np.bincount(block, column[used]) for column in twist.T], axis=1)
+    mean = (sums / count[:, None])[full]
+    sigma, rho = coloured_noise(twist, track.segment, float(np.median(np.diff(track.t))))
+    share = (1 + rho) / (1 - rho) * float(np.mean(1.0 / count[full]))
+    return mean, sigma * np.sqrt(share)

@@ -42,6 +42,8 @@ def findings(run: CalibrationRun) -> list[str]:
     """Return what was found and how sure it is, in sentences."""
     calibration = run.calibration
     said = [_offset_sentence(calibration), _rotation_sentence(calibration)]
+    if isinstance(calibration, RefinedCalibration) and any(calibration.position_observable):
+        said.append(f"The camera sits in the body frame at {position_text(calibration)}.")
     if run.truth is not None:
         error = 1e3 * (calibration.offset - run.truth.offset)
         turn = np.degrees(rotation_angle(calibration.R_body_cam, run.truth.R_body_cam))
@@ -124,11 +126,7 @@ def numbers(run: CalibrationRun) -> list[Row]:
             f"{_listed(mounting(R), 2)} deg",
             "positive: right side down, looking down, looking left",
         ),
-        (
-            "Position of the camera in the body frame",
-            position_text(calibration),
-            _unseen(calibration),
-        ),
+        *_position(calibration),
         (
             "Headings used",
             str(len(calibration.residuals.t)),
@@ -211,10 +209,13 @@ def _rotation_sentence(calibration: Calibration) -> str:
     )
 
 
-def _unseen(calibration: RefinedCalibration) -> str:
-    """Return why coordinates of the position are not known, each reason once."""
+def _position(calibration: Calibration) -> list[Row]:
+    """Return where the camera sits, and why coordinates of it are not known, each reason once."""
+    if not isinstance(calibration, RefinedCalibration):
+        return []
     reasons = [one.reason for one in calibration.unknowns if one.unit == "m" and not one.determined]
-    return " ".join(dict.fromkeys(reasons))
+    why = " ".join(dict.fromkeys(reasons))
+    return [("Position of the camera in the body frame", position_text(calibration), why)]
 
 
 def _listed(values: Floats, digits: int) -> str:

@@ -26,6 +26,10 @@ LOOSE = 0.3
 """Share of a displacement that counts as its noise as long as there is no residual of it."""
 
 
+STAYS = 1e-6
+"""Paths shorter than this [m] have no direction."""
+
+
 class Pairs(NamedTuple):
     """Corners seen twice."""
 
@@ -203,5 +207,9 @@ def residuals(pairs, path, turn, R, position, out):
         off = dot(normal, t) / max(length, 1e-9)
         depth = dot(after, first) * dot(t, first) - dot(after, t)
         left = dot(normal, normal) - off * off
-        out[i, 0] = off
-        out[i, 1] = math.sqrt(max(left, 0.0)) if depth < 0.0 else 0.0
+        # A camera that stays where it is sees a corner where it was.
+        stays = length < STAYS
+        out[i, 0] = 0.0 if stays else off
+        out[i, 1] = math.sqrt(max(dot(normal, normal) if stays else left, 0.0))
+        if depth >= 0.0 and not stays:
+            out[i, 1] = 0.0
