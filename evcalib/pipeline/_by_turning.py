@@ -99,7 +99,12 @@ def by_turning(
         aligned = _aligned(headings, moved, asked)
     if known:
         final = finish(
-            aligned, joint, headings.headings, velocity_track(moved), asked.max_offset, turning=turning
+            aligned,
+            joint,
+            headings.headings,
+            velocity_track(moved),
+            asked.max_offset,
+            turning=turning,
         )
     else:
         final = _at_offset(aligned, joint, turning, asked)
