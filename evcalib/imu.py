@@ -112,10 +112,10 @@ class Attitude:
     def covers(self, t1: ArrayLike, t2: ArrayLike) -> Flags:
         """Tell which intervals [s] lie within one stretch."""
         start, end = (np.asarray(t, dtype=np.float64) for t in (t1, t2))
-        low, high = self._before(start), self._before(end)
         inside = (start >= self.t[0]) & (end <= self.t[-1])
-        # The step that holds the end must belong to the stretch as well.
-        return inside & (self.segment[low] == self.segment[high + 1])
+        # The samples around the interval belong to one stretch.
+        after = np.minimum(np.searchsorted(self.t, end), self.t.size - 1)
+        return inside & (self.segment[self._before(start)] == self.segment[after])
 
     def at(self, t: ArrayLike) -> Rotation:
         """Return Q at times [s]; beyond the ends as at these."""

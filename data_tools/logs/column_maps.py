@@ -349,9 +349,8 @@ def _kind(name: Any) -> str:
     if text in _PLAIN:
         return _PLAIN[text]
     raise InputError(
-        f"{text} is none of t, speed_WHEEL, steer_WHEEL, {', '.join(list(_PLAIN)[1:])}: our name"
-        " comes"
-        " first, then the column of the file"
+        f"{text} is none of t, speed_WHEEL, steer_WHEEL, {', '.join(list(_PLAIN)[1:])}: our"
+        " name comes first, then the column of the file"
     )
 
 
