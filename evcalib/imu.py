@@ -112,10 +112,10 @@ class Attitude:
     def covers(self, t1: ArrayLike, t2: ArrayLike) -> Flags:
         """Tell which intervals [s] lie within one stretch."""
         start, end = (np.asarray(t, dtype=np.float64) for t in (t1, t2))
-        low, high = self._before(start), self._before(end)
         inside = (start >= self.t[0]) & (end <= self.t[-1])
-        # The step that holds the end must belong to the stretch as well.
-        return inside & (self.segment[low] == self.segment[high + 1])
+        # The samples around the interval belong to one stretch.
+        after = np.minimum(np.searchsorted(self.t, end), self.t.size - 1)
+        return inside & (self.segment[self._before(start)] == self.segment[after])
 
     def at(self, t: ArrayLike) -> Rotation:
         """Return Q at times [s]; beyond the ends as at these."""
@@ -169,7 +169,7 @@ def attitude_of(
     """
     checks.instance(imu, "imu", ImuSeries)
     R = np.eye(3) if R_cam_imu is None else R_cam_imu
-    R = checks.rotations([R], "R_cam_imu", 1)[0]
+    R = checks.rotations(np.asarray(R)[None], "R_cam_imu", 1)[0]
     rate = (imu.rate - checks.floats(bias, "bias", (3,))) @ R.T
     step = np.diff(imu.t)[:, None]
     turns = step * 0.5 * (rate[1:] + rate[:-1]) + step**2 / 12 * np.cross(rate[:-1], rate[1:])
@@ -276,9 +276,7 @@ class _YawFit(NamedTuple):
     turning: float
 
 
-def _yaw_fit(
-    imu: ImuSeries, t: Floats, yaw: Floats, offset: float, noise: float
-) -> _YawFit | None:
+def _yaw_fit(imu: ImuSeries, t: Floats, yaw: Floats, offset: float, noise: float) -> _YawFit | None:
     """Fit the rates to a yaw rate at one offset, by means over blocks; None without overlap."""
     at = imu.t + offset
     inside = (at >= t[0]) & (at <= t[-1])
@@ -303,7 +301,7 @@ def _yaw_fit(
 
 
 BLOCK = 0.1
-"""Rates are compared by their means over so much time [s]: noise of single rows goes, turns stay."""
+"""Rates are compared by their means over so much time [s]: noise of rows goes, turns stay."""
 
 MEMORY = 0.3
 """Time over which rates of a vehicle go together [s].  A choice of the order of its controllers."""

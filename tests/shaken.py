@@ -1,4 +1,4 @@
-"""Drives whose body pitches, rolls and shakes, one level below events, with a gyro in the camera."""
+"""Drives whose body tilts and shakes, one level below events, with a gyro in the camera."""
 
 from dataclasses import replace
 
@@ -33,9 +33,7 @@ def shaken(drive, rng, tilt, vibration):
     w, d = 2 * np.pi * 2.0, 0.4
     spring = signal.cont2discrete(([w * w], [1, 2 * d * w, w * w]), h)[:2]
     lagged = signal.lfilter(spring[0].ravel(), spring[1], a, axis=0)
-    angles = np.radians(tilt) * np.column_stack(
-        [lagged[:, 1], -lagged[:, 0], np.zeros(t.size)]
-    )
+    angles = np.radians(tilt) * np.column_stack([lagged[:, 1], -lagged[:, 0], np.zeros(t.size)])
     for axis in range(3):
         f, phase = rng.uniform(5, 15, 6), rng.uniform(0, 2 * np.pi, 6)
         waves = np.sin(2 * np.pi * np.multiply.outer(t, f) + phase).sum(axis=1) / np.sqrt(3)
@@ -44,10 +42,10 @@ def shaken(drive, rng, tilt, vibration):
     return Trajectory(t, path.position, turn.as_matrix())
 
 
-def gyro_series(path, rng, R_body_cam, offset, *, R_cam_imu=np.eye(3), bias=(0.0, 0.0, 0.0)):
+def gyro_series(path, rng, R_body_cam, offset, *, R_cam_imu=None, bias=(0.0, 0.0, 0.0)):
     """Return what a gyro in the camera measures, on the camera's clock, `bias` in rad/s."""
     t = np.arange(max(path.t[0] - offset, 0.0), path.t[-1] - offset, 1 / GYRO_RATE)
-    rate = path.rate_at(t + offset) @ R_body_cam @ R_cam_imu
+    rate = path.rate_at(t + offset) @ R_body_cam @ (np.eye(3) if R_cam_imu is None else R_cam_imu)
     return ImuSeries(t, rate + bias + GYRO_NOISE * rng.standard_normal(rate.shape))
 
 

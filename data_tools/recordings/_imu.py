@@ -77,7 +77,9 @@ def read_imu(
     return _checked(path, samples, origin_us)
 
 
-def samples_of(path: Path, *, format: str | None = None, stream: str | None = None) -> Samples | None:
+def samples_of(
+    path: Path, *, format: str | None = None, stream: str | None = None
+) -> Samples | None:
     """Return the samples as the file has them; None where it, or its format, has none."""
     module = find(path, format)
     read = getattr(module, "imu", None)

@@ -15,9 +15,11 @@ from evcalib import checks
 from evcalib.arrays import Floats, Integers
 from evcalib.display import Shown
 from evcalib.errors import InputError
+from evcalib.geometry import rotation_vector_to_matrix
 from evcalib.heading._correspondences import Correspondences
 from evcalib.heading._result import HeadingEstimate
-from evcalib.imu import Attitude
+from evcalib.imu import Attitude, ImuSeries, attitude_of
+from evcalib.kernels.heading.turn import TimedBearings, squared_residuals, turn_ransac
 from evcalib.kernels.linalg import tangent_basis
 from evcalib.series import bins
 from evcalib.uncertainty import robust_sd, sandwich
@@ -35,8 +37,8 @@ ROUNDS = 6
 """Steps of Gauss-Newton; from 20 degrees off the fourth changes nothing any more."""
 
 LEFT = np.radians(0.2)
-"""What else than the gyro's errors may turn matches [rad]: a heading that changes within its window,
-a body that tilts with its acceleration.  Drives that tilt by 1 deg per m/s^2, and turn by 0.7 deg
+"""What else than the gyro's errors may turn matches [rad]: a heading that changes in its window, a
+body that tilts with its acceleration.  Drives that tilt by 1 deg per m/s^2, and turn by 0.7 deg
 between matches, showed turns of 2 to 14 deg that are not there (`tests/test_gyro.py`)."""
 
 TURN_SD = 1.0
@@ -83,7 +85,7 @@ class GyroError(Shown):
 
     @property
     def angle_sd(self) -> float:
-        """Standard deviation of the turn in its own direction [rad], with what `LEFT` makes of it."""
+        """Standard deviation of the turn in its own direction [rad], `LEFT` included."""
         along = self.turn / max(self.angle, 1e-12)
         part = self.covariance[3:, 3:]
         own = float(along @ part @ along) if self.angle else float(np.trace(part) / 3)
@@ -190,9 +192,7 @@ def _step(
     ratio = np.minimum((residual / (4.685 * noise)) ** 2, 1.0)
     weight = (1 - ratio) ** 2
     by_turn = 0.5 * (np.cross(r2, np.cross(v, r1)) - np.cross(r1, np.cross(r2, v))) / size
-    shared = np.concatenate(
-        [-pairs.span[:, None] * by_turn, np.cross(pairs.turn, by_turn)], axis=1
-    )
+    shared = np.concatenate([-pairs.span[:, None] * by_turn, np.cross(pairs.turn, by_turn)], axis=1)
     bases = np.stack([tangent_basis(one) for one in directions])
     own = np.einsum("nij,nj->ni", bases[pairs.heading], normal)
     count = len(directions)
@@ -215,13 +215,108 @@ def _step(
         "nij,ni->nj", bases, np.linalg.solve(block, (pull + cross @ step)[..., None])[..., 0]
     )
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    stretches = np.stack(
-        [np.bincount(pairs.stretch, column) for column in gradient.T], axis=1
-    )
+    stretches = np.stack([np.bincount(pairs.stretch, column) for column in gradient.T], axis=1)
     # The prior is one observation of each unknown.
     every = np.concatenate([stretches, np.diag(np.sqrt(prior))])
     covariance = sandwich(information, every)
     return step, np.linalg.inv(information) if covariance is None else covariance, noise
+
+
+COMMON = 0.1
+"""Least share of the matches that a turn must explain to be that of the gyro's bias alone: of false
+ones none in a thousand agrees by chance, of a roll before spokes a fifth does."""
+
+LARGEST_BIAS = 0.2
+"""Rates [rad/s] above this are no bias: gyros are off by up to 20 deg/s by their data sheets, and
+by 1 to 3 in files."""
+
+AGREE_PX = 1.5
+"""Largest residual [px] of a match that a turn explains, as of a heading's."""
+
+
+def shared_turn(found: Correspondences, focal: float, seed: int = 0) -> Floats | None:
+    """Return the steady turn that matches share which an attitude has turned back.
+
+    For recordings in which hardly anything but turning is seen: what is left of it is the bias.
+
+    Parameters
+    ----------
+    found : Correspondences
+        Of windows without heading, too.
+    focal : float
+        Pixels per radian.
+    seed : int
+        Of the samples.
+
+    Returns
+    -------
+    ndarray, shape (3,), or None
+        The bias [rad/s] in the axes of the camera; None if too few share one, or it is too large.
+    """
+    if len(found) < FEWEST:
+        return None
+    rows = np.linspace(0, len(found) - 1, min(len(found), MOST)).astype(np.int64)
+    pairs = TimedBearings(found.r1[rows], found.r2[rows], found.t2[rows] - found.t1[rows])
+    half = turn_ransac(pairs, AGREE_PX / focal, 300, seed)
+    squares = np.empty(rows.size)
+    squared_residuals(half, pairs, squares)
+    share = float(np.mean(squares < (AGREE_PX / focal) ** 2))
+    # Bearings turn against the camera; rates that are too great turn them back too far.
+    bias: Floats = 2.0 * half
+    if share < COMMON or np.linalg.norm(bias) > LARGEST_BIAS:
+        return None
+    return bias
+
+
+def corrected(
+    imu: ImuSeries,
+    attitude: Attitude,
+    estimate: HeadingEstimate,
+    *,
+    focal: float,
+    R_cam_imu: Floats | None = None,
+    turn: bool = False,
+) -> tuple[Attitude, str]:
+    """Return the attitude without the bias that the events show, and what was done, in words.
+
+    Parameters
+    ----------
+    imu : ImuSeries
+        The samples.
+    attitude : Attitude
+        Made of them without bias.
+    estimate : HeadingEstimate
+        Made with the attitude, its correspondences kept.
+    focal : float
+        Pixels per radian.
+    R_cam_imu : ndarray, shape (3, 3), optional
+        As the attitude was made with.
+    turn : bool
+        Whether how the gyro is turned is corrected as well, where the events tell it.
+    """
+    R = np.eye(3) if R_cam_imu is None else R_cam_imu
+    error = gyro_error(estimate, attitude, turn_sd=TURN_SD if turn else MOUNTED)
+    if error is None:
+        assert estimate.correspondences is not None
+        alone = shared_turn(estimate.correspondences, focal)
+        if alone is None:
+            return attitude, "gyro: too little is seen to tell its bias, which was taken to be 0"
+        return attitude_of(imu, R, R.T @ alone), f"gyro: bias of {in_degrees(R.T @ alone)} deg/s"
+    bias, note = R.T @ error.bias, ""
+    if turn:
+        R = rotation_vector_to_matrix(error.turn) @ R
+        off, sd = np.degrees([error.angle, error.angle_sd])
+        note = f"; turned by {off:.1f} deg (+-{sd:.1f}) against what was given"
+    return attitude_of(imu, R, bias), f"gyro: bias of {in_degrees(bias)} deg/s, by the events{note}"
+
+
+MOUNTED = np.radians(1.0)
+"""Turn that is left to a gyro while its bias is found [rad]: as exactly as one is mounted."""
+
+
+def in_degrees(rates: Floats) -> str:
+    """Return rates [rad/s] as a text in degrees."""
+    return ", ".join(f"{rate:.2f}" for rate in np.degrees(rates))
 
 
 def as_seen(found: Correspondences, attitude: Attitude) -> Correspondences:

@@ -103,7 +103,12 @@ def by_turning(
         joint = _without_yaw(joint)
     if known:
         final = finish(
-            aligned, joint, headings.headings, velocity_track(moved), asked.max_offset, turning=turning
+            aligned,
+            joint,
+            headings.headings,
+            velocity_track(moved),
+            asked.max_offset,
+            turning=turning,
         )
     else:
         final = _at_offset(aligned, joint, turning, asked)

@@ -14,6 +14,7 @@ import numpy as np
 
 from evcalib import checks
 from evcalib.alignment import Calibration, align, enough
+from evcalib.arrays import Floats
 from evcalib.camera import Camera
 from evcalib.errors import InputError, NoAnswerError
 from evcalib.events import Events

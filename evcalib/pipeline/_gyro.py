@@ -13,7 +13,7 @@ from evcalib.display import Shown
 from evcalib.errors import InputError
 from evcalib.geometry import angle_between, rotation_vector_to_matrix
 from evcalib.heading import HeadingEstimate
-from evcalib.heading.gyro import GyroError, gyro_error, restabilised
+from evcalib.heading.gyro import MOUNTED, GyroError, gyro_error, in_degrees, restabilised
 from evcalib.imu import Attitude, ImuSeries, YawAgreement, attitude_of, yaw_agreement
 from evcalib.pipeline._assessment import RefinedCalibration
 from evcalib.series import VelocitySeries
@@ -28,10 +28,6 @@ degrees for radians are 57.  Choices: wheels that slip are off by some percent."
 TURNED, WRONGLY_TURNED = np.radians(3.0), np.radians(15.0)
 """A gyro that is turned by so much [rad] against what was given is told, or refused.  Choices: a
 gyro is mounted by hand to a degree or two; in a wrong axis it is off by 90 degrees."""
-
-
-UPRIGHT = np.radians(1.0)
-"""Turn that is left to a gyro while its bias is found [rad]: as exactly as one is mounted."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,8 +88,8 @@ class Gyro(Shown):
         if apart < max(TURNED, SURE * sd):
             return ()
         return (
-            f"Where the wheels turn, the gyro turns about an axis {np.degrees(apart):.1f} deg off the"
-            f" body's z (error {np.degrees(sd):.1f}): the rotation, or how the IMU is turned"
+            f"Where the wheels turn, the gyro turns about an axis {np.degrees(apart):.1f} deg off"
+            f" the body's z (error {np.degrees(sd):.1f}): the rotation, or how the IMU is turned"
             " against the camera (--imu-rotation), is not right.",
         )
 
@@ -111,7 +107,7 @@ def gyro_of(
     checks.instance(imu, "imu", ImuSeries)
     R = np.eye(3) if R_cam_imu is None else np.asarray(R_cam_imu, dtype=np.float64)
     yaw = yaw_agreement(imu, velocities.t, velocities.yaw_rate, max_offset)
-    notes = [f"gyro: bias of {_degrees(yaw.bias)} deg/s, from the mean of the drive"]
+    notes = [f"gyro: bias of {in_degrees(yaw.bias)} deg/s, from the mean of the drive"]
     if yaw.axis is not None:
         scale, sd = float(np.linalg.norm(yaw.axis)), yaw.axis_sd
         off = abs(scale - 1.0)
@@ -147,10 +143,14 @@ def against_events(
     off = f"{np.degrees(error.angle):.1f} deg (+-{np.degrees(error.angle_sd):.1f})"
     notes, small = [], np.zeros(3)
     if turn and not told:
-        notes.append(f"the camera turns too little to tell how the gyro is turned against it ({off})")
+        notes.append(
+            f"the camera turns too little to tell how the gyro is turned against it ({off})"
+        )
     elif turn:
         small = error.turn
-        notes.append(f"the gyro is turned by {off} against what was given, by the events: corrected")
+        notes.append(
+            f"the gyro is turned by {off} against what was given, by the events: corrected"
+        )
     elif told and error.angle > max(WRONGLY_TURNED, SURE * error.angle_sd):
         raise InputError(
             f"the events contradict the gyro: it is turned by {off} against the camera as it was"
@@ -164,7 +164,7 @@ def against_events(
         )
     if not small.any():
         # A turn that is not corrected must not take a part of the bias with it.
-        alone = gyro_error(estimate, gyro.attitude, bias_sd=bias_sd, turn_sd=UPRIGHT)
+        alone = gyro_error(estimate, gyro.attitude, bias_sd=bias_sd, turn_sd=MOUNTED)
         assert alone is not None
         error = replace(error, bias=alone.bias)
     R = rotation_vector_to_matrix(small) @ gyro.R_cam_imu
@@ -174,7 +174,7 @@ def against_events(
     found = estimate.correspondences
     assert found is not None
     estimate = replace(estimate, correspondences=restabilised(found, gyro.attitude, attitude))
-    notes.append(f"gyro: bias of {_degrees(bias)} deg/s, by the events")
+    notes.append(f"gyro: bias of {in_degrees(bias)} deg/s, by the events")
     better = replace(
         gyro, attitude=attitude, R_cam_imu=R, bias=bias, error=error,
         notes=(*gyro.notes, *notes),
@@ -182,16 +182,10 @@ def against_events(
     return better, estimate
 
 
-def _degrees(rates: Floats) -> str:
-    return ", ".join(f"{rate:.2f}" for rate in np.degrees(rates))
-
-
 def doubted(calibration: RefinedCalibration, doubts: tuple[str, ...]) -> RefinedCalibration:
     """Return a calibration with further doubts in its verdict."""
     if not doubts:
         return calibration
     verdict = calibration.verdict
-    more = replace(
-        verdict, reasons=(*verdict.reasons, *doubts), doubts=(*verdict.doubts, *doubts)
-    )
+    more = replace(verdict, reasons=(*verdict.reasons, *doubts), doubts=(*verdict.doubts, *doubts))
     return replace(calibration, verdict=more)

@@ -86,7 +86,8 @@ _IMU = 0x80000C00
 def imu(path: Path, options: Options) -> Samples | None:
     """Return the samples of a DAVIS's IMU, in the axes of the camera; None where there are none."""
     lines, start = read_header(path)
-    parts, rest = [], np.empty((0, 2), dtype=np.int64)
+    parts: list[NDArray[np.int64]] = []
+    rest = np.empty((0, 2), dtype=np.int64)
     clock = Clock(32)
     for block in read_blocks(path, start, BLOCK_BYTES):
         words = np.frombuffer(block, ">u4", len(block) // RECORD_BYTES * 2).reshape(-1, 2)
@@ -94,7 +95,7 @@ def imu(path: Path, options: Options) -> Samples | None:
         words[:, 1] = clock(words[:, 1])
         whole, rest = _samples(np.concatenate([rest, words]))
         parts.append(whole)
-    records = np.concatenate(parts) if parts else np.empty((0, 8))
+    records = np.concatenate(parts) if parts else np.empty((0, 8), dtype=np.int64)
     if not len(records):
         return None
     full = [
@@ -103,7 +104,7 @@ def imu(path: Path, options: Options) -> Samples | None:
     ]
     force, rate = records[:, 1:4], records[:, 5:8]
     return Samples(
-        1000 * records[:, 0],
+        1000 * records[:, 0].astype(np.int64),
         np.radians(full[0][0] / 32768) * rate * _TO_CAMERA,
         GRAVITY * full[1][0] / 32768 * force * _TO_CAMERA,
         tuple(note for _, note in full if note),

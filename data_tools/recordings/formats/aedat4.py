@@ -106,7 +106,9 @@ def imu(path: Path, options: Options) -> Samples | None:
     return Samples(1000 * t, np.radians(values[:, 3:]), force if force.any() else None)
 
 
-def _imu_part(place: int, told: Told | None, found: tuple[Integers, Floats]) -> tuple[Integers, Floats]:
+def _imu_part(
+    place: int, told: Told | None, found: tuple[Integers, Floats]
+) -> tuple[Integers, Floats]:
     if told is not None and found[0].size != told.count:
         raise InputError(
             f"packet {place} holds {found[0].size} IMU samples, not {told.count} as the table says"
