@@ -55,6 +55,9 @@ STUDIES = {
     "recorded": "from raw events to the calibration, on simulated recordings",
     "campaign": "whether results are silently wrong where the model is",
     "lag": "how late the events' headings are",
+    "conditions": "what each thing that is not ideal costs, one at a time",
+    "mixtures": "what is left of it on an indoor robot, outdoors, at dusk and in the dark",
+    "turning": "rotation, offset and position of cameras on vehicles that turn",
 }
 """Names of the studies, and what they ask."""
 
