@@ -70,7 +70,7 @@ FACTORS: dict[str, list[Cell]] = {
         "flicker",
         {f"20 % at {x} Hz": {"flicker": 0.2, "flicker_rate": float(x)} for x in (100, 120)},
     ),
-    "lens": _one("k1 5 % off", distortion=LENS, k1_share=1.05),
+    "lens": _one("k1 5 % off", distortion=list(LENS), k1_share=1.05),
     "yaw": _one("yaw to 20 deg/s, told", body={"yaw_rate": _rad(20.0)})
     + [
         cell
