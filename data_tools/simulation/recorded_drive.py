@@ -204,11 +204,11 @@ def record_drive(
     motion : {"sweep", "fingers", "stop and go", "straight", "arc", "figure-eight", "slalom", \
 "strafe", "spin", "circle", "stops"}
         The direction of travel swings without end; or out and back along spread directions, with
-        pauses; or it swings and stops every few seconds.  Accelerations are finite.  Or a straight line, or an arc, at constant speed: these
-        cannot answer.  The rest are vehicles that turn, their camera up to `LARGEST_REACH` off the
-        body's origin (`RecordedDrive.lever`): a differential drive's eights and a car's slalom, at
-        changing speeds; mecanum wheels that strafe and turn; turning in place; a circle at
-        constant speed; a straight line with stops.
+        pauses; or it swings and stops every few seconds.  Accelerations are finite.  Or a straight
+        line, or an arc, at constant speed: these cannot answer.  The rest are vehicles that turn,
+        their camera up to `LARGEST_REACH` off the body's origin (`RecordedDrive.lever`): a
+        differential drive's eights and a car's slalom, at changing speeds; mecanum wheels that
+        strafe and turn; turning in place; a circle at constant speed; a straight line with stops.
     mounting : {"forward", "sideways", "down"}
         The camera looks ahead, with roll, pitch and yaw of up to 30 degrees; to the left or right;
         or ahead and 30 degrees down; the last two with angles of up to 10 degrees.
