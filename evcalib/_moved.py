@@ -72,7 +72,7 @@ MOVED = {
 """Old modules, and where their names are now; the first that has a name is taken."""
 
 LEFT = {
-    "evcalib.design": "evcalib.design._prediction",
+    "evcalib.design": "evcalib.design._prediction evcalib.design._information",
     "evcalib.features": "evcalib.features._keypoints",
     "evcalib.heading": "evcalib.heading._options",
     "evcalib.joint": "evcalib.joint._refine evcalib.joint._result evcalib.joint._world_motion",
@@ -92,7 +92,7 @@ RENAMED = {
     "evcalib.heading._matches.Pairs": "Matches",
     "evcalib.kernels.features.event_image.align": "align_patches",
     "evcalib.kernels.heading.turn.turn_misfits": "squared_residuals",
-    "evcalib.design._prediction.SIGHTINGS": "OBSERVATIONS",
+    "evcalib.design._information.SIGHTINGS": "OBSERVATIONS",
     "evcalib.kernels.joint.observation_model.sighting": "observe",
     "evcalib.alignment.offset.WIDE_REACHES": "WIDE_LOSS_SCALES",
     "evcalib.alignment.rotation.misfits": "cosine_residuals",

@@ -197,10 +197,67 @@ def _straight(swing: float, period: float, speed: float, duration: float) -> Dri
     return straight(duration, heading=np.radians(swing), speed=speed)
 
 
+FASTEST, LEAST = 3.0, 5.0
+"""Plans turn by at most so much [rad/s]; one that turns in place, by at least so much [deg]."""
+
+
+def _turning(rate: Callable[[Floats], Floats], kind: str, speed: float, duration: float) -> Drive:
+    """Drive ahead at a speed that swings by a third, and turn."""
+    swings = 2 * np.pi / 7.0
+
+    def profile(t: Floats) -> Floats:
+        return speed * (1 + np.sin(swings * t) / 3) / (4 / 3)
+
+    return Drive(kind, duration, lambda t: np.zeros_like(t), profile, rate)
+
+
+def _eight(swing: float, period: float, speed: float, duration: float) -> Drive:
+    """Turn by four times the swing to one side in half a period, and back."""
+    rate = 2 * np.pi / period
+    peak = min(2 * np.radians(swing) * rate, FASTEST)
+    return _turning(lambda t: peak * np.sin(rate * t), "figure-eight", speed, duration)
+
+
+def _slalom(swing: float, period: float, speed: float, duration: float) -> Drive:
+    """Let the heading swing by the swing to either side."""
+    rate = 2 * np.pi / period
+    peak = min(np.radians(swing) * rate, FASTEST)
+    return _turning(lambda t: peak * np.cos(rate * t), "slalom", speed, duration)
+
+
+def _in_place(swing: float, period: float, speed: float, duration: float) -> Drive:
+    """Turn on the spot, by the swing to either side; the speed says nothing."""
+    plan = _slalom(max(swing, LEAST), period, speed, duration)
+    return Drive(
+        "turning in place", duration, plan.angle, lambda t: np.zeros_like(t), plan.yaw_rate
+    )
+
+
+def _parking(swing: float, period: float, speed: float, duration: float) -> Drive:
+    """Go to and fro, each way in half a period, turning by the swing to one side, then the other.
+
+    Backwards with the other lock, so that every leg turns the body on, as a car that parks.
+    """
+    rate = 2 * np.pi / period
+    peak = min(np.radians(swing) * rate / 2, FASTEST)
+
+    def profile(t: Floats) -> Floats:
+        return speed * np.sin(rate * t)
+
+    def yaw_rate(t: Floats) -> Floats:
+        return peak * np.abs(np.sin(rate * t)) * np.sign(np.sin(rate * t / 4))
+
+    return Drive("parking", duration, lambda t: np.zeros_like(t), profile, yaw_rate)
+
+
 PLANS: dict[str, Plan] = {
     "S-curve": _s_curve,
     "fingers": _fingers,
     "zigzag": _zigzag,
     "arc": _arc,
     "straight": _straight,
+    "figure-eight": _eight,
+    "slalom": _slalom,
+    "turning in place": _in_place,
+    "parking": _parking,
 }

@@ -1,7 +1,8 @@
 """What a drive will tell, before anyone drives it."""
 
 from evcalib._moved import leftovers
-from evcalib.design._prediction import REPEATS, Prediction, Viewing, predict, self_likeness
+from evcalib.design._information import Viewing
+from evcalib.design._prediction import REPEATS, Prediction, predict, self_likeness
 
 __all__ = ["REPEATS", "Prediction", "Viewing", "predict", "self_likeness"]
 

@@ -1,8 +1,7 @@
 """What a drive will tell, before anyone drives it: the best precision that any method can reach.
 
-The bounds are Cramer and Rao's, for a simple picture of what a camera measures: each corner shows
-the camera's displacements as vectors, in units of its unknown distance.  A heading shows less, a
-displacement without any length.
+The bounds are Cramer and Rao's, for what a camera sees of corners around it while it moves and
+turns (`evcalib.design._information`).  A heading shows less, a displacement without any length.
 """
 
 from __future__ import annotations
@@ -15,16 +14,19 @@ from numpy.typing import NDArray
 from evcalib import checks
 from evcalib.alignment.verdict import SEARCH_LESS, SPREAD_MORE, TURN_MORE
 from evcalib.arrays import Floats
+from evcalib.design._information import (
+    OFFSET,
+    POSITION,
+    ROTATION,
+    STEP,
+    TOGETHER,
+    USUAL,
+    Viewing,
+    information,
+)
 from evcalib.display import Shown
-from evcalib.errors import InputError
-from evcalib.joint import SYSTEMATIC
+from evcalib.joint import SYSTEMATIC, Systematic
 from evcalib.series import VelocitySeries
-
-STEP = 0.05
-"""Time from one observation of a corner to the next [s]: that of headings at 20 Hz."""
-
-OBSERVATIONS = 12
-"""A corner is seen so often after its first observation: for 0.6 s."""
 
 REPEATS = 0.97
 """A drive that is so like itself, some time later, may be taken for itself.
@@ -37,36 +39,19 @@ ROTATION_GATE = float(np.radians(5.0))
 """An axis about which the rotation stays less sure than this [rad] counts as not shown.  A choice:
 a third of what a calibration calls undetermined, as a bound is never reached."""
 
+TURNING = 0.02
+"""Root mean square yaw rate [rad/s] over which a body turns on purpose: a choice, 1 deg/s."""
+
+POSITION_PRIOR = 1.0
+"""Standard deviation of the camera's position beforehand [m], per axis."""
+
+POSITION_GATE = 0.05
+"""A position that stays less sure than this [m] counts as not shown.  A choice: what a tape measure
+finds."""
+
 SHARP = 0.9
 """What is less like itself than this in between is another peak.  A choice: a peak then stands out
 by more than `REPEATS` asks for."""
-
-
-@dataclass(frozen=True)
-class Viewing:
-    """What the camera makes of a drive.
-
-    Attributes
-    ----------
-    focal : float
-        Pixels per radian.
-    noise : float
-        Standard deviation of an observation per axis [px].
-    corners : float
-        Corners in view whose errors are independent.
-    distance : float
-        Their distance [m].
-    """
-
-    focal: float = 200.0
-    noise: float = 0.3
-    corners: float = 20.0
-    distance: float = 2.5
-
-    @property
-    def step_sd(self) -> float:
-        """Standard deviation of a displacement per axis [m], from all corners."""
-        return self.noise / self.focal * self.distance / float(np.sqrt(self.corners))
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,8 +64,12 @@ class Prediction(Shown):
         Standard deviation of the offset [s].
     rotation_sd : ndarray, shape (3,)
         Standard deviations of the rotation about the body's X, Y and Z axis [rad].
-    covariance : ndarray, shape (4, 4)
-        Of the rotation vector in the body frame [rad] and the offset [s].
+    position_sd : ndarray, shape (2,)
+        Standard deviations of the camera's x and y in the body frame [m]; its z is never shown.
+    covariance : ndarray, shape (6, 6)
+        Of the rotation vector in the body frame [rad], the offset [s], and x and y [m].
+    turns : bool
+        Whether the body turns.
     shifts, likeness : ndarray, shape (m,)
         How like itself the drive is, some time [s] later; see `self_likeness`.
     repeats : bool
@@ -91,7 +80,9 @@ class Prediction(Shown):
 
     offset_sd: float
     rotation_sd: Floats
+    position_sd: Floats
     covariance: Floats
+    turns: bool
     shifts: Floats
     likeness: Floats
     repeats: bool
@@ -108,6 +99,11 @@ class Prediction(Shown):
         return self.worst_axis_sd < ROTATION_GATE
 
     @property
+    def position_determined(self) -> bool:
+        """Whether it will show where the camera is, x and y."""
+        return float(self.position_sd.max()) < POSITION_GATE
+
+    @property
     def worst_axis_sd(self) -> float:
         """Standard deviation of the rotation about the axis that shows least [rad]."""
         return float(np.sqrt(np.linalg.eigvalsh(self.covariance[:3, :3])[-1]))
@@ -115,14 +111,20 @@ class Prediction(Shown):
     @property
     def summary(self) -> str:
         """The verdict in a sentence."""
-        offset = "the offset" if self.offset_determined else "not the offset"
-        rotation = "the rotation" if self.rotation_determined else "not the whole rotation"
-        if self.offset_determined and self.rotation_determined:
-            return "This drive will show the offset and the rotation."
-        if not (self.offset_determined or self.rotation_determined):
-            return "This drive will show neither the offset nor the whole rotation."
-        shown, hidden = (offset, rotation) if self.offset_determined else (rotation, offset)
-        return f"This drive will show {shown}, but {hidden}."
+        parts = {
+            "the offset": self.offset_determined,
+            "the rotation": self.rotation_determined,
+        }
+        if self.turns:
+            parts["the camera's position"] = self.position_determined
+        shown = [name for name, is_shown in parts.items() if is_shown]
+        whole = {"the rotation": "the whole rotation"}
+        hidden = [whole.get(name, name) for name in parts if name not in shown]
+        if not hidden:
+            return f"This drive will show {_listed(shown, 'and')}."
+        if not shown:
+            return f"This drive will show neither {_listed(hidden, 'nor')}."
+        return f"This drive will show {_listed(shown, 'and')}, but not {_listed(hidden, 'nor')}."
 
     @property
     def advice(self) -> tuple[str, ...]:
@@ -134,17 +136,30 @@ class Prediction(Shown):
             found.append(SEARCH_LESS)
         if np.sqrt(self.covariance[0, 0] + self.covariance[1, 1]) > ROTATION_GATE:
             found.append(SPREAD_MORE)
+        if self.turns and not self.position_determined:
+            found.append(TURN_BOTH_WAYS)
         return tuple(found)
+
+
+TURN_BOTH_WAYS = (
+    "Drive curves to both sides at changing speed (figure-eights), turning by 90 deg and more: a"
+    " constant circle takes the camera's position for a rotation."
+)
+
+
+def _listed(names: list[str], word: str) -> str:
+    return f" {word} ".join(filter(None, (", ".join(names[:-1]), names[-1])))
 
 
 def predict(
     velocities: VelocitySeries,
     *,
-    viewing: Viewing = Viewing(),
+    viewing: Viewing = USUAL,
     speed: bool = True,
     max_offset: float = 1.0,
+    systematic: Systematic = SYSTEMATIC,
 ) -> Prediction:
-    """Predict how well a drive determines offset and rotation.
+    """Predict how well a drive determines offset, rotation and the camera's position.
 
     Parameters
     ----------
@@ -159,10 +174,13 @@ def predict(
     max_offset : float
         Half width of the search [s].
 
+    systematic : Systematic
+        What all observations of a drive share.
+
     Returns
     -------
     Prediction
-        With what all observations share (`evcalib.joint.SYSTEMATIC`) added.
+        With what all observations share added.
 
     Raises
     ------
@@ -178,23 +196,29 @@ def predict(
 
     Notes
     -----
-    Cramer & Rao's bound of the model ``y_i = d_i / Z + mean + noise``: displacements ``d_i`` since
-    the first observation, an unknown distance ``Z`` and mean for each corner.  The rotation is
-    known to half a turn beforehand, the offset to the width of the search.  The camera keeps its
-    heading; yaw rates are not looked at.
+    Cramer & Rao's bound of what `evcalib.joint.refine_jointly` fits, for a camera about where
+    `viewing` has it.  The rotation is known to half a turn beforehand, the offset to the width of
+    the search, the position to a metre.  Without a yaw rate the body is taken to keep its heading,
+    nearly.
     """
     checks.instance(velocities, "velocities", VelocitySeries)
     checks.positive(max_offset, "max_offset", "seconds")
-    information = _information(velocities, viewing.step_sd, speed)
-    information += np.diag([np.pi**-2] * 3 + [max_offset**-2])
-    covariance = np.asarray(np.linalg.inv(information), dtype=np.float64)
-    covariance += np.diag([SYSTEMATIC.rotation_sd**2] * 3 + [SYSTEMATIC.time_sd**2])
+    known = information(velocities, viewing, systematic, speed)
+    known[ROTATION, ROTATION] += np.pi**-2 * np.eye(3)
+    known[OFFSET, OFFSET] += max_offset**-2
+    known[POSITION, POSITION] += POSITION_PRIOR**-2 * np.eye(2)
+    places = np.r_[np.arange(TOGETHER)[ROTATION], OFFSET, np.arange(TOGETHER)[POSITION]]
+    covariance = np.asarray(np.linalg.inv(known)[np.ix_(places, places)], dtype=np.float64)
+    floor = [systematic.rotation_sd**2] * 3 + [systematic.time_sd**2]
+    covariance += np.diag([*floor, 0.0, 0.0])
     shifts = np.linspace(-max_offset, max_offset, 1 + 2 * max(round(max_offset / 0.02), 1))
     likeness = self_likeness(velocities, shifts, speed=speed)
     return Prediction(
         offset_sd=float(np.sqrt(covariance[3, 3])),
         rotation_sd=np.sqrt(np.diag(covariance)[:3]),
+        position_sd=np.sqrt(np.diag(covariance)[4:]),
         covariance=covariance,
+        turns=velocities.turning > TURNING,
         shifts=shifts,
         likeness=likeness,
         repeats=_repeats(shifts, likeness),
@@ -255,33 +279,3 @@ def _repeats(shifts: Floats, likeness: Floats) -> bool:
         if apart.size and side[apart[0] :].max() > REPEATS:
             return True
     return False
-
-
-def _information(velocities: VelocitySeries, sd: float, speed: bool) -> Floats:
-    """Return the information (4, 4) on the rotation vector and the offset."""
-    t = np.arange(velocities.t[0], velocities.t[-1] + 1e-9, STEP)
-    if t.size < 2 * OBSERVATIONS:
-        raise InputError(
-            f"the drive lasts {velocities.t[-1] - velocities.t[0]:.2f} s; at least"
-            f" {2 * OBSERVATIONS * STEP:g} s are needed"
-        )
-    v = np.stack([np.interp(t, velocities.t, column) for column in velocities.v.T], axis=1)
-    if not np.any(v):
-        raise InputError("the drive does not move")
-    path = np.zeros_like(v)
-    path[1:] = np.cumsum(0.5 * (v[1:] + v[:-1]) * STEP, axis=0)
-    rows = np.add.outer(np.arange(t.size - OBSERVATIONS), np.arange(OBSERVATIONS + 1))
-    d = path[rows] - path[rows[:, :1]]
-    # How each displacement changes with rotation (of the camera), offset and scale.
-    slopes = [np.cross(d, axis) for axis in np.eye(3)] + [v[rows] - v[rows[:, :1]], d]
-    J = np.stack(slopes, axis=-1)
-    if not speed:
-        length = np.maximum(np.linalg.norm(d, axis=-1, keepdims=True), 1e-9)
-        ahead = (d / length)[..., None]
-        J = J - ahead * np.sum(ahead * J, axis=-2, keepdims=True)
-    J = J - J.mean(axis=1, keepdims=True)
-    whole = np.einsum("nkci,nkcj->nij", J, J) / sd**2
-    scale = whole[:, 4:, 4:]
-    share = whole[:, :4, 4:] / np.maximum(scale, 1e-12)
-    # A new corner comes into view when an old one leaves it.
-    return (whole[:, :4, :4] - share * whole[:, 4:, :4]).sum(axis=0) / OBSERVATIONS

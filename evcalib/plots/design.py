@@ -22,7 +22,7 @@ jump of 360 would."""
 
 
 def draw_course(ax: Axes, velocities: VelocitySeries) -> None:
-    """Draw where a body that keeps its heading goes, from above, forward being up.
+    """Draw where a body goes, from above, forward at the start being up.
 
     A dot marks the start.
     """
@@ -129,9 +129,16 @@ def draw_design(
 
 
 def course(velocities: VelocitySeries) -> Floats:
-    """Return where a body that keeps its heading is at the times of a drive [m], shape (n, 2)."""
-    step = np.diff(velocities.t)[:, None]
-    v = velocities.v[:, :2]
+    """Return where a body is at the times of a drive, seen from its start [m], shape (n, 2).
+
+    Without a yaw rate it keeps its heading.
+    """
+    step = np.diff(velocities.t)
+    rate = np.zeros(velocities.t.size) if velocities.yaw_rate is None else velocities.yaw_rate
+    yaw = np.append(0.0, np.cumsum(0.5 * (rate[1:] + rate[:-1]) * step))
+    c, s = np.cos(yaw), np.sin(yaw)
+    x, y = velocities.v[:, 0], velocities.v[:, 1]
+    v = np.stack([c * x - s * y, s * x + c * y], axis=1)
     path = np.zeros_like(v)
-    path[1:] = np.cumsum(0.5 * (v[1:] + v[:-1]) * step, axis=0)
+    path[1:] = np.cumsum(0.5 * (v[1:] + v[:-1]) * step[:, None], axis=0)
     return path

@@ -54,6 +54,7 @@ class Course(Protocol):
     """A drive that is exact at any time (as of `data_tools.simulation.streams`)."""
 
     duration: float
+    yaw_rate: Callable[[np.ndarray], np.ndarray]
 
     def velocity(self, t: np.ndarray) -> np.ndarray: ...  # noqa: D102
 
@@ -109,7 +110,7 @@ class DriveDesigner(Panel):
         make = self._motions[self.motion.value]
         plan = make(self.swing.value, self.period.value, self.speed.value, self.duration.value)
         t = np.arange(0.0, plan.duration, 1.0 / RATE)
-        return VelocitySeries(t, plan.velocity(t))
+        return VelocitySeries(t, plan.velocity(t), plan.yaw_rate(t))
 
     def viewing(self) -> Viewing:
         """Return the camera and what it sees as the sliders have it."""
@@ -165,13 +166,17 @@ class DriveDesigner(Panel):
             f"<div style='border-left:6px solid {color}; padding:4px 14px; line-height:1.5'>"
             f"<b style='font-size:115%'>{html.escape(full.summary)}</b><br>{advice}</div>"
         )
-        head = "".join(f"<th style='{_CELL}'>{name}</th>" for name in ("", "offset", *_AXES))
+        head = "".join(f"<th style='{_CELL}'>{name}</th>" for name in _HEAD)
         body = ""
         for name, found in (("with speeds", full), ("directions alone", alone)):
             cells = [_milliseconds(found), *(_degrees(x) for x in found.rotation_sd)]
+            cells += [_centimetres(sd) for sd in found.position_sd]
             row = "".join(f"<td style='{_CELL}'>{cell}</td>" for cell in (name, *cells))
             body += f"<tr>{row}</tr>"
-        title = "Predicted standard deviation of the offset, and of the rotation about each axis:"
+        title = (
+            "Predicted standard deviation of the offset, of the rotation about each axis, and of"
+        )
+        title += " the camera's position:"
         return f"{verdict}{title}<table><tr>{head}</tr>{body}</table>"
 
     def _pad(self) -> widgets.GridBox:
@@ -253,13 +258,17 @@ class DriveDesigner(Panel):
 
 
 _CELL = "padding:2px 12px; text-align:right"
-_AXES = ("roll (X)", "pitch (Y)", "yaw (Z)")
+_HEAD = ("", "offset", "roll (X)", "pitch (Y)", "yaw (Z)", "x", "y")
 
 
 def _milliseconds(found: Prediction) -> str:
     if not found.offset_determined:
         return "repeats" if found.repeats else "not shown"
     return f"{1e3 * found.offset_sd:.2f} ms"
+
+
+def _centimetres(sd: float) -> str:
+    return f"{100 * sd:.2f} cm" if sd < 0.5 else "unknown"
 
 
 def _degrees(sd: float) -> str:
