@@ -72,6 +72,19 @@ class Noise(Shown):
     hot_pixels: int = 0
     lamps: int = 0
 
+    def text(self) -> str:
+        """Return what was left out, and why, in a line."""
+        reasons = [
+            f"{self.unsupported:,} without enough neighbours ({self.rate:.1f} Hz of noise per"
+            " pixel at most)",
+            f"{self.hot:,} of {self.hot_pixels:,} hot pixels",
+            f"{self.flicker:,} of lamps that flicker at {self.lamps} Hz",
+        ]
+        counts = (self.unsupported, self.hot, self.flicker)
+        told = [reason for reason, count in zip(reasons, counts, strict=True) if count]
+        share = 1.0 - self.kept / self.events if self.events else 0.0
+        return f"{100 * share:.1f} % of the events" + (": " + ", ".join(told) if told else "")
+
 
 class Denoiser:
     """Tells noise from signal in a stream that comes in pieces.
