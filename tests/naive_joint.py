@@ -19,9 +19,13 @@ def about_z(angle):
 
 
 class Motion:
-    """The body in the world, whose axes are the body's at the first sample."""
+    """The body in the world, whose axes are the body's at the first sample.
 
-    def __init__(self, velocities):
+    `tilt` gives the rotation vector by which it is turned besides at a time of the body's clock.
+    """
+
+    def __init__(self, velocities, tilt=lambda time: np.zeros(3)):
+        self.tilt = tilt
         self.t = velocities.t
         rate = velocities.yaw_rate
         self.yaw = np.zeros(self.t.size)
@@ -38,7 +42,8 @@ class Motion:
 
     def pose(self, time):
         """Return position and rotation of the body."""
-        return self.position(time), about_z(np.interp(time, self.t, self.yaw))
+        yaw = about_z(np.interp(time, self.t, self.yaw))
+        return self.position(time), yaw @ rotation_vector_to_matrix(self.tilt(time))
 
     def camera(self, time, R_body_cam, lever):
         """Return position and rotation of the camera, at a time of the body's clock."""
@@ -87,14 +92,23 @@ def observed(motion, track, R_body_cam, offset, lever):
 
 
 def flow(motion, track, R_body_cam, offset, lever, rho, step=1e-5):
-    """Return the unit flow of a corner on its plane, by central differences over time."""
+    """Return the unit flow in the image, turned onto its plane, by central differences over time.
+
+    The camera moves and turns by itself a little more, and the corner is seen from there.
+    """
     r1, r2, t1, t2 = track
-    moved = [
-        observed(motion, (r1, r2, t1, t2 + h), R_body_cam, offset, lever).predicted(rho)
-        for h in (-step, step)
-    ]
-    change = moved[1][1:] - moved[0][1:]
-    return change / np.linalg.norm(change, axis=1, keepdims=True)
+    b, axes, out = r1[0], plane_at(r1[0]), []
+    p1, R1 = motion.camera(t1[0] + offset, R_body_cam, lever)
+    point = p1 + R1 @ b / rho
+    for time in t2:
+        R2 = motion.camera(time + offset, R_body_cam, lever)[1]
+        places = []
+        for h in (-step, step):
+            p, R = motion.camera(time + offset + h, R_body_cam, lever)
+            seen = R1.T @ R2 @ R.T @ (point - p)
+            places.append(axes @ seen / (b @ seen))
+        out.append(places[1] - places[0])
+    return unit(np.array(out))
 
 
 def tukey_loss(off, loss_scale):
@@ -146,13 +160,13 @@ def fit_squares(track):
 
 def made_tracks(
     rng, velocities, R_body_cam, offset, *, lever=(0.0, 0.0, 0.0), count=400, step=0.1, length=7,
-    half_angle=0.5, kept=lambda t: True,
+    half_angle=0.5, kept=lambda t: True, tilt=lambda time: np.zeros(3),
 ):  # fmt: skip
     """Make tracks of random corners, 1 to 6 m away, as a camera of `half_angle` sees them.
 
     `kept` tells of which times [s] of the body's clock observations are kept.
     """
-    motion, lever = Motion(velocities), np.asarray(lever)
+    motion, lever = Motion(velocities, tilt), np.asarray(lever)
     low, high = velocities.t[0] - offset, velocities.t[-1] - offset
     parts = []
     while len(parts) < count:

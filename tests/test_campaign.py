@@ -205,7 +205,7 @@ def test_a_body_that_turns_unseen_by_its_wheels_is_noticed_and_costs_little():
     corners = Corners(noise=0.2, count=10)
     made = seen(swinging(), corners=corners, noise=0.005, yaw=0.1, yaw_told=False, seed=1)
     found = made.calibrate(max_offset=0.3)
-    assert found.joint.turning > 0.02
+    assert found.joint.turning[2] > 0.02
     assert any("that the odometry does not tell" in doubt for doubt in found.verdict.doubts)
     time, turn = off(found, made)
     assert turn < 1.0

@@ -47,7 +47,7 @@ def test_one_bearing_at_two_times_is_two_corners():
 def test_no_correspondences_are_no_tracks():
     tracks = tracks_of(CorrespondenceKeeper().result())
     assert len(tracks) == 0
-    assert tracks.start.size == tracks.end.size == tracks.group.size == 0
+    assert tracks.start.size == tracks.end.size == 0
 
 
 row = st.tuples(st.integers(0, 4), st.integers(0, 3), st.integers(1, 4))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import tempfile
 from contextlib import ExitStack
 from pathlib import Path
@@ -93,7 +94,9 @@ def baselines(
 def study(
     name: Annotated[
         str,
-        typer.Argument(help="paper, drives, ablations, coverage, real, recorded, campaign or lag."),
+        typer.Argument(
+            help="paper, drives, ablations, coverage, real, recorded, campaign, lag or repeat."
+        ),
     ],
     output: Annotated[Path, typer.Option("-o", "--output", help="Folder for table and plots.")],
     trials: Annotated[int, typer.Option(min=1, help="Trials per group.")] = 100,
@@ -140,3 +143,29 @@ def batch(
     print(result.text())
     if result.failures:
         raise typer.Exit(common.BAD_INPUT)
+
+
+@app.command()
+def repeat(
+    runs: Annotated[
+        list[Path], typer.Argument(help="Folders of finished runs.", metavar="RUN1 RUN2 ...")
+    ],
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", help="Page to write (HTML).")
+    ] = None,
+    as_json: common.Json = False,
+) -> None:
+    """Tell whether several runs of one rig agree within their error bars, and pool them."""
+    from data_tools.files.atomic import write_file
+    from data_tools.runs.repeat import repeat_runs, repeats_dict, repeats_text
+    from evcalib.report import repeats_html
+
+    found = repeat_runs(runs)
+    print(json.dumps(repeats_dict(found), indent=2) if as_json else repeats_text(found))
+    if output is not None:
+        page = repeats_html(found)
+        write_file(output, lambda path: path.write_text(page, encoding="utf-8"))
+        if not as_json:
+            common.tell(f"\nWritten to {output}.", output)
+    if found.contradict:
+        raise typer.Exit(common.CONTRADICTION)

@@ -72,7 +72,7 @@ def read_bag_motion(
         ROS 1 or ROS 2 bag.
     topic : str, optional
         Its name; by default the only one of a type that fits.
-    vehicle : Swerve, Mecanum or Omni, optional
+    vehicle : Swerve, Mecanum, Omni or Rolling, optional
         Needed for joints.
     columns : mapping or path, optional
         For joints: map from ``speed_WHEEL`` and ``steer_WHEEL`` to names of joints.  Drive joints

@@ -18,7 +18,15 @@ from evcalib import checks
 from evcalib.arrays import Floats
 from evcalib.checks import whole_us
 from evcalib.errors import InputError
-from evcalib.kinematics import BodyVelocities, Vehicle, WheelLog, WheelStates, body_velocities
+from evcalib.kinematics import (
+    BodyVelocities,
+    Vehicle,
+    WheelLog,
+    WheelStates,
+    body_velocities,
+    check_vehicle,
+    turning_centre,
+)
 from evcalib.series import VelocitySeries
 
 MIN_STEP = 1e-4
@@ -99,7 +107,7 @@ def read_body_velocities(
         `vehicle`, one of wheel states (see `data_tools.logs.wheel_logs`); or a ROS 1 or ROS 2 bag.
     topic : str, optional
         Topic of a bag; by default the only one that fits.
-    vehicle : Swerve, Mecanum, Omni or path, optional
+    vehicle : Swerve, Mecanum, Omni, Rolling or path, optional
         The vehicle, or its YAML file; turns wheel states into velocities.
     columns : mapping or path, optional
         Column map, or its YAML file (see `data_tools.logs.column_maps`); for joints, of joints.
@@ -170,13 +178,28 @@ def read_body_velocities(
             body = body_velocities(motion, vehicle)
         except InputError as error:
             raise InputError(f"{path}: {error}") from None
+        advice = check_vehicle(motion, vehicle).advice
+        notes += [f"look at the vehicle: {line}" for line in advice]
         notes.append(body.summary())
         whole = VelocitySource(
             str(path), body.velocities, body, tuple(notes), vehicle, motion.states
         )
     else:
+        notes += _centre(motion)
         whole = VelocitySource(str(path), motion, notes=tuple(notes))
     return whole.limited(max_slip=max_slip, max_yaw_rate=max_yaw_rate)
+
+
+def _centre(velocities: VelocitySeries) -> list[str]:
+    """Tell where the origin of velocities is not the point about which the vehicle turns."""
+    x = turning_centre(velocities)
+    if x is None:
+        return []
+    return [
+        f"the vehicle turns about a point {abs(x):.2f} m {'ahead of' if x > 0 else 'behind'} the"
+        " origin of its body frame, by its sideways velocity: a camera's position counts from the"
+        " origin, not from there"
+    ]
 
 
 def _check_steps(t: Floats, path: Path) -> None:

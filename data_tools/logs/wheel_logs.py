@@ -1,7 +1,8 @@
 """Wheel logs: what the wheels of a vehicle said over time, as CSV.
 
 Columns, in any order: ``t`` [s], then for each wheel of the vehicle file ``speed_NAME`` [m/s] and,
-if the vehicle steers, ``steer_NAME`` [rad].  For every kind of wheel, mecanum and omni included,
+if the wheel steers, ``steer_NAME`` [rad].  A column ``yaw_rate`` [rad/s], of a gyro, is not needed:
+the wheels are held against it.  For every kind of wheel, mecanum and omni included,
 the speed is that of the rim: rotation rate [rad/s] times wheel radius [m], negative = backwards.
 The steering angle is counter-clockwise from above: positive turns the wheel to the left, and a
 wheel at +pi/2 that rolls forwards drives the vehicle to its left.  Other columns are passed over;
@@ -44,7 +45,7 @@ def read_wheel_log(
     ----------
     path : str or Path
         CSV file with the columns described above (see `data_tools.files.csv_table`).
-    vehicle : Swerve, Mecanum or Omni
+    vehicle : Swerve, Mecanum, Omni or Rolling
         Names the wheels; the states come in the order of its wheels.
     columns : mapping or path, optional
         Map from our names to the columns of the file and their units, or the YAML file that
@@ -59,7 +60,7 @@ def read_wheel_log(
     Returns
     -------
     WheelLog
-        Times (n,) [s], speeds (n, k) [m/s] and, if the vehicle steers, angles (n, k) [rad].
+        Times (n,) [s], speeds (n, k) [m/s] and, if the vehicle steers, angles (n, l) [rad].
 
     Raises
     ------
@@ -69,7 +70,8 @@ def read_wheel_log(
     """
     table, entries = read_mapped(path, columns, time_unit=time_unit, wheel_radius=wheel_radius)
     _check_vehicle(table, vehicle)
-    table = only_ours(table, wanted_columns(vehicle))
+    more_ours = tuple(name for name in ("yaw_rate",) if name in table.columns)
+    table = only_ours(table, (*wanted_columns(vehicle), *more_ours))
     table = check_times(table, max_step=MAX_STEP, max_jump=MAX_JUMP)
     values = {name: column for name, column in table.columns.items() if name != "t"}
     t, values, more = converted(table.columns["t"], values, entries)
@@ -98,7 +100,7 @@ def wheel_log(
         Times [s].
     values, entries : mapping
         Columns (n,), and the map that they came by.
-    vehicle : Swerve, Mecanum or Omni
+    vehicle : Swerve, Mecanum, Omni or Rolling
         Names the wheels.
     where : callable
         Names a row in messages.
@@ -111,27 +113,36 @@ def wheel_log(
     _check_range(values, "speed_", MAX_SPEED, "m/s", where)
     unsaid = {name: values[name] for name in values if not entries[name].stated}
     _check_range(unsaid, "steer_", MAX_STEER * (1 + 1e-6), "rad", where)
-    speed = np.stack([values[f"speed_{name}"] for name in vehicle.names], axis=1)
-    if not vehicle.steered:
-        return WheelLog(t, WheelStates(speed))
-    steer = np.stack([values[f"steer_{name}"] for name in vehicle.names], axis=1)
-    return WheelLog(t, WheelStates(speed, steer))
+    speed, steer = (
+        [values[name] for name in names] for names in (_speeds(vehicle), _angles(vehicle))
+    )
+    states = WheelStates(np.stack(speed, axis=1), np.stack(steer, axis=1) if steer else None)
+    return WheelLog(t, states, values.get("yaw_rate"))
 
 
 def wanted_columns(vehicle: Vehicle) -> tuple[str, ...]:
     """Return the names of the columns of a vehicle's wheel log."""
-    kinds = ("speed", "steer") if vehicle.steered else ("speed",)
-    return ("t", *(f"{kind}_{name}" for name in vehicle.names for kind in kinds))
+    told = {*_speeds(vehicle), *_angles(vehicle)}
+    names = (f"{kind}_{name}" for name in vehicle.names for kind in ("speed", "steer"))
+    return ("t", *(name for name in names if name in told))
+
+
+def _speeds(vehicle: Vehicle) -> tuple[str, ...]:
+    return tuple(f"speed_{name}" for name in vehicle.speed_names)
+
+
+def _angles(vehicle: Vehicle) -> tuple[str, ...]:
+    return tuple(f"steer_{name}" for name in vehicle.steer_names)
 
 
 def write_wheel_log(path: str | Path, log: WheelLog, vehicle: Vehicle) -> None:
     """Write a wheel log so that `read_wheel_log` returns the same numbers."""
-    columns = {"t": log.t}
-    for i, name in enumerate(vehicle.names):
-        columns[f"speed_{name}"] = log.states.speed[:, i]
-        if log.states.steer is not None:
-            columns[f"steer_{name}"] = log.states.steer[:, i]
-    write_table(path, columns)
+    columns = dict(zip(_speeds(vehicle), log.states.speed.T, strict=True))
+    if log.states.steer is not None:
+        columns |= dict(zip(_angles(vehicle), log.states.steer.T, strict=True))
+    columns |= {"t": log.t}
+    written = {name: columns[name] for name in wanted_columns(vehicle)}
+    write_table(path, written if log.yaw_rate is None else written | {"yaw_rate": log.yaw_rate})
 
 
 def velocities_from_files(
@@ -161,18 +172,54 @@ def _check_vehicle(table: Table, vehicle: Vehicle) -> None:
             + (f": nothing to say how wheel(s) {', '.join(at)} moved" if at else "")
             + f"; columns must be {', '.join(want)}"
             + (f", without {', '.join(extra)}" if extra else "")
+            + _other_type(table, vehicle)
             + "; other names and units are read by a column map (--columns)"
         )
     strange = [name for name in extra if name.startswith(("speed_", "steer_"))]
     if strange:
         raise InputError(
             f"{table.path} has the column(s) {', '.join(strange)}, which this vehicle does not;"
-            f" columns must be {', '.join(want)}"
+            f" columns must be {', '.join(want)}{_other_type(table, vehicle)}"
         )
 
 
+def _other_type(table: Table, vehicle: Vehicle) -> str:
+    """Say of which type of vehicle a log of other columns is likely to be."""
+    speeds, angles = (
+        {name.removeprefix(kind) for name in table.columns if name.startswith(kind)}
+        for kind in ("speed_", "steer_")
+    )
+    if not speeds or (speeds == {*vehicle.speed_names} and angles == {*vehicle.steer_names}):
+        return ""
+    fits = [
+        kind for kind, (wheels, steered) in _NAMES.items() if speeds == wheels and angles == steered
+    ]
+    if not fits and speeds == angles:
+        fits = ["swerve"]
+    if not fits and bool(angles) != vehicle.steered:
+        fits = [name for name in _NAMES if bool(_NAMES[name][1]) == bool(angles)]
+        fits += ["swerve"] if angles else ["omni"]
+    if not fits:
+        return ""
+    return (
+        f"; or is this the log of another type of vehicle ({', '.join(fits)})? say so (--vehicle)"
+    )
+
+
+_CORNERS = {"fl", "fr", "rl", "rr"}
+_NAMES = {
+    "mecanum": (_CORNERS, set()),
+    "differential": ({"left", "right"}, set()),
+    "skid_steer": ({"left", "right"}, set()),
+    "bicycle": ({"rear"}, {"front"}),
+    "ackermann": ({"rl", "rr"}, {"fl", "fr"}),
+    "tricycle": ({"front"}, {"front"}),
+}
+"""Names of the wheels that have a speed, and that have an angle, of the usual types."""
+
+
 def _wheels_of(columns: Iterable[str]) -> list[str]:
-    names = [column.split("_", 1)[1] for column in columns if column != "t"]
+    names = [column.split("_", 1)[1] for column in columns if "_" in column]
     return list(dict.fromkeys(names))
 
 

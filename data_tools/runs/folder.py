@@ -138,7 +138,7 @@ class RunFolder:
         self.write("velocities.csv", lambda p: write_velocities(p, run.velocities))
         page = report_html(run)
         self.write("report.html", lambda p: p.write_text(page, encoding="utf-8"))
-        self.write(CALIBRATION, lambda p: write_calibration(p, run.calibration))
+        self.write(CALIBRATION, lambda p: write_calibration(p, run.calibration, run))
 
     def __exit__(
         self,

@@ -320,8 +320,8 @@ def _recorded_circle(rng: Generator, duration: float, speed: float) -> Drive:
     )
 
 
-def _recorded_stops(rng: Generator, duration: float, speed: float) -> Drive:
-    """Return a straight line with a stop every 3 to 5 s, forwards only."""
+def _stopping(rng: Generator, speed: float) -> Callable[[Floats], Floats]:
+    """Return a speed with a stop every 3 to 5 s, that starts from rest."""
     period, ramp = rng.uniform(3.0, 5.0), rng.uniform(0.4, 0.8)
 
     def profile(t: Floats) -> Floats:
@@ -329,12 +329,24 @@ def _recorded_stops(rng: Generator, duration: float, speed: float) -> Drive:
         rise = np.clip(np.minimum(u, 0.75 * period - u) / ramp, 0.0, 1.0)
         return speed * rise * rise * (3 - 2 * rise)
 
-    return Drive("stops", duration, _ahead, profile)
+    return profile
+
+
+def _recorded_stops(rng: Generator, duration: float, speed: float) -> Drive:
+    """Return a straight line with stops, forwards only."""
+    return Drive("stops", duration, _ahead, _stopping(rng, speed))
+
+
+def _recorded_stop_and_go(rng: Generator, duration: float, speed: float) -> Drive:
+    """Return a sweep with stops."""
+    sweep = _recorded_sweep(rng, duration, speed)
+    return replace(sweep, kind="stop and go", speed=_stopping(rng, speed))
 
 
 RECORDED: dict[str, Callable[[Generator, float, float], Drive]] = {
     "sweep": _recorded_sweep,
     "fingers": _recorded_fingers,
+    "stop and go": _recorded_stop_and_go,
     "straight": _recorded_straight,
     "arc": _recorded_arc,
     "figure-eight": _recorded_eight,

@@ -15,7 +15,7 @@ import numpy as np
 from data_tools.simulation._random import generator
 from data_tools.simulation.body_effects import obeyed, sway, vibration
 from data_tools.simulation.drives import Drive
-from data_tools.simulation.random_drives import RECORDED, TURNING, wobble
+from data_tools.simulation.random_drives import CAR_WHEELBASE, RECORDED, TURNING, wobble
 from data_tools.simulation.scenes import furnished_room
 from data_tools.simulation.sensor import Sensor
 from data_tools.simulation.simulator import FORWARD, Simulator
@@ -27,6 +27,7 @@ from evcalib.camera import Camera
 from evcalib.geometry import rpy_to_matrix
 from evcalib.kinematics import (
     Mecanum,
+    Rolling,
     Swerve,
     Vehicle,
     Wheel,
@@ -45,10 +46,18 @@ VEHICLE = Swerve(
     tuple(Wheel(name, x, y) for name, x, y in
           [("fl", 0.3, 0.25), ("fr", 0.3, -0.25), ("rl", -0.3, 0.25), ("rr", -0.3, -0.25)])
 )  # fmt: skip
-"""The vehicle of most drives: four wheels that steer, as those of any vehicle may be thought to."""
+"""The vehicle of drives that do not turn: four wheels that steer."""
 
-VEHICLES: dict[str, Vehicle] = {"strafe": Mecanum(0.3, 0.25)}
-"""The vehicles of motions that are not driven by `VEHICLE`."""
+DIFFERENTIAL = Rolling.differential(track=0.4)
+VEHICLES: dict[str, Vehicle] = {
+    "figure-eight": DIFFERENTIAL,
+    "slalom": Rolling.ackermann(CAR_WHEELBASE, track=0.4),
+    "strafe": Mecanum(0.3, 0.25),
+    "spin": DIFFERENTIAL,
+    "circle": DIFFERENTIAL,
+    "stops": DIFFERENTIAL,
+}
+"""The vehicles of the other motions."""
 
 HEIGHT = 0.8
 """Height [m] of a camera over the origin of a vehicle that keeps its heading."""
@@ -151,7 +160,7 @@ class RecordedDrive:
     offset : float
         True offset [s], ``t_body = t_cam + offset``: the shift of the clocks, plus how late the
         log is as a whole.  How late the pixels are is no part of it.
-    vehicle : Swerve or Mecanum
+    vehicle : Swerve, Mecanum or Rolling
         Whose wheels they are.
     late : float
         How late the log is as a whole [s], by least squares of logged against true velocity
@@ -192,10 +201,10 @@ def record_drive(
     ----------
     seed : int
         Of everything that is random.
-    motion : {"sweep", "fingers", "straight", "arc", "figure-eight", "slalom", "strafe", "spin", \
-"circle", "stops"}
+    motion : {"sweep", "fingers", "stop and go", "straight", "arc", "figure-eight", "slalom", \
+"strafe", "spin", "circle", "stops"}
         The direction of travel swings without end; or out and back along spread directions, with
-        pauses.  Accelerations are finite.  Or a straight line, or an arc, at constant speed: these
+        pauses; or it swings and stops every few seconds.  Accelerations are finite.  Or a straight line, or an arc, at constant speed: these
         cannot answer.  The rest are vehicles that turn, their camera up to `LARGEST_REACH` off the
         body's origin (`RecordedDrive.lever`): a differential drive's eights and a car's slalom, at
         changing speeds; mecanum wheels that strafe and turn; turning in place; a circle at

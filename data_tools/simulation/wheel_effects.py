@@ -112,7 +112,7 @@ def _shaped(
     states = vehicle.wheel_states(drive.velocity(t)[:, :2], drive.yaw_rate(t))
     speed, steer = states.speed, states.steer
     if steer is not None:
-        steer = _held(steer, np.abs(speed) > 1e-3)
+        steer = _held(steer, np.abs(speed).max(axis=1) > 1e-3)
         if effects.backlash:
             steer = np.apply_along_axis(_with_play, 0, steer, 0.5 * effects.backlash)
     if effects.low_pass:
@@ -130,11 +130,9 @@ def _at(rows: Floats, t: Floats, values: Floats) -> Floats:
 
 
 def _held(steer: Floats, moving: Flags) -> Floats:
-    """Return steering angles without jumps of a turn; a wheel at rest keeps its angle."""
-    row = np.maximum.accumulate(np.where(moving, np.arange(len(steer))[:, None], -1), axis=0)
-    first = moving.argmax(axis=0)
-    row = np.where(row < 0, first, row)
-    return np.unwrap(np.take_along_axis(steer, row, axis=0), axis=0)
+    """Return steering angles without jumps of a turn; a vehicle at rest keeps its angles."""
+    row = np.maximum.accumulate(np.where(moving, np.arange(len(steer)), moving.argmax()))
+    return np.unwrap(steer[row], axis=0)
 
 
 def _with_play(values: Floats, half: float) -> Floats:

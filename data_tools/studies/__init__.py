@@ -55,6 +55,7 @@ STUDIES = {
     "recorded": "from raw events to the calibration, on simulated recordings",
     "campaign": "whether results are silently wrong where the model is",
     "lag": "how late the events' headings are",
+    "repeat": "whether `evcalib repeat` tells runs that agree from one that is off",
 }
 """Names of the studies, and what they ask."""
 

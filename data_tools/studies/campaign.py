@@ -113,9 +113,7 @@ MAX_OFFSET = 0.6
 def outcome(found: RefinedCalibration, R_body_cam: Floats, offset: float) -> Row:
     """Return errors, intervals and verdict of one calibration."""
     error = rotation_angle(found.R_body_cam, R_body_cam)
-    samples = found.diagnostics.independent_headings
-    if found.joint is not None and found.offset_observable:
-        samples = found.joint.samples
+    samples = found.samples
     return {
         "offset_error_s": found.offset - offset,
         "offset_sd_s": found.offset_sd,

@@ -106,6 +106,11 @@ class Calibration(Shown):
             **more,
         )
 
+    @property
+    def samples(self) -> float:
+        """Independent stretches of motion behind the error bars."""
+        return self.diagnostics.independent_headings
+
     def widened(self, direction_sd: float) -> Self:
         """Return the calibration with an error that all directions of the body share.
 

@@ -6,12 +6,16 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from typing import Generic, TypeVar
 
-from evcalib.heading._correspondences import CorrespondenceKeeper
+import numpy as np
+
+from evcalib.heading._correspondences import NO_HEADING, CorrespondenceKeeper
 from evcalib.heading._keyframes import Counts, Numbered
 from evcalib.heading._matches import KeyframeMatches
 from evcalib.heading._options import HeadingOptions
 from evcalib.heading._result import Found, Gap, HeadingEstimate, collected
-from evcalib.heading._window_fit import NOT_NEWER, TOO_FEW, Fit, fit
+from evcalib.heading._stabilised import at_middle, covered, stabilised
+from evcalib.heading._window_fit import NO_ATTITUDE, NOT_NEWER, TOO_FEW, Fit, fit
+from evcalib.imu import Attitude
 
 K = TypeVar("K", bound=Numbered)
 
@@ -27,6 +31,10 @@ class HeadingWindows(Generic[K]):
         Focal length of the camera [px].
     match : callable
         Matches of two keyframes, the earlier first; None without any.
+    attitude : Attitude, optional
+        How the camera turns; it is taken not to turn where not given.
+    size : tuple of int, optional
+        Width and height of the sensor [px]; without it matches may all be in one place.
     on_heading : callable
         Called with the keyframes at hand, the matches of the window and its fit.
     """
@@ -37,10 +45,12 @@ class HeadingWindows(Generic[K]):
         focal: float,
         match: Callable[[K, K], KeyframeMatches | None],
         *,
+        attitude: Attitude | None = None,
+        size: tuple[int, int] | None = None,
         on_heading: Callable[[Sequence[K], KeyframeMatches, Fit], object] = lambda *_: None,
     ) -> None:
-        self._options, self._focal = options, focal
-        self._match, self._on_heading = match, on_heading
+        self._options, self._focal, self._size = options, focal, size
+        self._match, self._on_heading, self._attitude = match, on_heading, attitude
         self._lag = options.steps // 2 + 1
         self._keyframes: deque[K] = deque(maxlen=2 * self._lag + 1)
         self._next = 0
@@ -85,16 +95,28 @@ class HeadingWindows(Generic[K]):
             self._gaps.append(Gap(t, TOO_FEW))
             return
         matches = KeyframeMatches.pooled(parts)
-        found = fit(matches, self._options, self._focal)
+        seen = matches
+        if self._attitude is not None:
+            matches = covered(matches, self._attitude)
+            if not len(matches):
+                self._gaps.append(Gap(t, NO_ATTITUDE))
+                return
+            seen = stabilised(matches, self._attitude, self._focal)
+        straight = seen if self._attitude is None else at_middle(seen, self._attitude)
+        found = fit(straight, self._options, self._focal, self._size)
         if isinstance(found, Fit) and self._found and found.t <= self._found[-1].t:
             found = NOT_NEWER
-        if isinstance(found, str):
-            self._gaps.append(Gap(t, found))
-            return
         if self._kept is not None:
             # Each pair belongs to the window whose middle is nearest, or just before.
             own = matches.middle // 2 == centre
-            self._kept.add(matches[own], found.agreeing[own], len(self._found))
+            none = np.zeros(int(own.sum()), dtype=np.bool_)
+            if isinstance(found, str):
+                self._kept.add(seen[own], none, NO_HEADING)
+            else:
+                self._kept.add(seen[own], found.agreeing[own], len(self._found))
+        if isinstance(found, str):
+            self._gaps.append(Gap(t, found))
+            return
         self._on_heading(self._keyframes, matches, found)
         self._found.append(Found.of(found))
 

@@ -1,10 +1,19 @@
 """All observations of all corners to rotation and offset at once."""
 
 from evcalib._moved import leftovers
+from evcalib.joint._global_start import Start, global_start
 from evcalib.joint._model_checks import SURE
 from evcalib.joint._refine import refine_jointly
 from evcalib.joint._result import SYSTEMATIC, JointRefinement, Systematic
 
-__all__ = ["SURE", "SYSTEMATIC", "JointRefinement", "Systematic", "refine_jointly"]
+__all__ = [
+    "SURE",
+    "SYSTEMATIC",
+    "JointRefinement",
+    "Start",
+    "Systematic",
+    "global_start",
+    "refine_jointly",
+]
 
 __getattr__ = leftovers(__name__)

@@ -15,16 +15,14 @@ from scipy import stats
 from evcalib.arrays import Flags, Floats
 from evcalib.joint._solver import (
     OFFSET,
-    YAW_RATE,
+    UNKNOWNS,
     Fit,
     Problem,
     Reduced,
-    group_times,
     long_run,
     slope_of_loss,
     solve,
 )
-from evcalib.series import bins
 
 ABOUT_Z = 2
 """Row of the rotation about the body's Z axis."""
@@ -71,7 +69,7 @@ def drift(problem: Problem, fit: Fit, free: Flags) -> ModelError:
     if not free[OFFSET]:
         return NONE
     reduced = Reduced.of(problem, fit)
-    t = group_times(problem, fit)
+    t = problem.turning.knots.times
     weight = np.maximum(reduced.parts[:, OFFSET, OFFSET], 0.0)
     if not weight.sum() > 0:
         return NONE
@@ -93,39 +91,23 @@ def distortion(problem: Problem, fit: Fit, free: Flags) -> ModelError:
     return _modulated(problem, fit, reduced, free, ABOUT_Z, waves)
 
 
-def turning(problem: Problem, fit: Fit) -> float:
-    """Return the yaw rate that the tracks see and the odometry does not tell [rad/s], rms.
+def turning(problem: Problem, fit: Fit) -> Floats:
+    """Return the roll, pitch and yaw rates that the odometry does not tell [rad/s], rms, (3,).
 
-    Noise is taken off, so that 0 means none that shows.
+    Roll and pitch swing from knot to knot.  Of the yaw rate, whose noise is no turning, means over
+    a second count.
     """
-    information = fit.information[:, YAW_RATE, YAW_RATE]
-    gradients = np.zeros(fit.yaw_rate_bias.size)
-    np.add.at(gradients, problem.group, fit.gradients[:, YAW_RATE])
-    # What each group says by itself, the prior left out.
-    alone = information * fit.yaw_rate_bias - gradients
-    block = bins(group_times(problem, fit), TURNS)
-    total = np.bincount(block, information)
-    rate = np.bincount(block, alone) / np.maximum(total, 1e-300)
-    known = total > 0.2 * np.median(total[total > 0]) if (total > 0).any() else total > 0
-    if known.sum() < 4:
-        return 0.0
-    # Observations of one corner share their error: a track counts once.
-    noise = problem.tracks.length.mean() * fit.noise**2 / total[known]
-    return float(np.sqrt(max(np.mean(rate[known] ** 2 - noise), 0.0)))
+    spacing = problem.turning.knots.spacing
+    told = np.unique(problem.turning.knots.of(problem.tracks.t2))
+    knots = fit.knots[told[0] : told[-1] + 1]
+    half = min(max(round(0.5 * TURNS / spacing), 1), max(len(knots) // 3, 1))
+    yaw = knots[: len(knots) // half * half, 2:].reshape(-1, half).mean(axis=1)[:, None]
+    swing = np.diff(knots[:, :2], axis=0) / spacing
+    return np.concatenate([_rms(swing), _rms((yaw[2:] - yaw[:-2]) / (2 * half * spacing))])
 
 
-def with_turning(problem: Problem, fit: Fit, free: Flags, widest: float) -> tuple[Problem, Fit]:
-    """Fit anew with as much turning as the tracks show, if it is more than was expected."""
-    for _ in range(TRIES):
-        seen = turning(problem, fit)
-        if seen < problem.yaw_rate_sd:
-            break
-        problem = replace(problem, yaw_rate_sd=1.2 * seen)
-        again = solve(problem, fit.R, fit.offset, free, widest)
-        if again is None:
-            break
-        fit = again
-    return problem, fit
+def _rms(values: Floats) -> Floats:
+    return np.asarray(np.sqrt(np.mean(values**2, axis=0))) if len(values) else values.sum(axis=0)
 
 
 def without_drift(
@@ -139,7 +121,7 @@ def without_drift(
             break
         rate = float(left.values[0])
         straight = replace(problem, tracks=problem.tracks.on_clock(rate))
-        again = solve(straight, fit.R, fit.offset, free, widest)
+        again = solve(straight, replace(fit), free, widest)
         if again is None:
             break
         problem, fit, total = straight, again, total + rate
@@ -152,7 +134,7 @@ def without_drift(
 def _directions(problem: Problem, fit: Fit) -> Floats:
     """Return the angle of travel in the body frame as each group starts [rad]."""
     motion = problem.motion
-    at = problem.tracks.start[0] + group_times(problem, fit) + fit.offset
+    at = problem.tracks.start[0] + problem.turning.knots.times + fit.offset
     x, y, turned = (
         np.interp(at, motion.t, values) for values in (*motion.velocity.T[:2], motion.yaw)
     )
@@ -185,11 +167,11 @@ def _modulated(
 
     values = -inverse @ efficient(gradients).sum(axis=0)
     # What is left once the error is made up for is noise.
-    change = np.zeros((waves.shape[1], YAW_RATE))
+    change = np.zeros((waves.shape[1], UNKNOWNS))
     change[:, free] = -values @ share
     change[:, row] += values @ waves
     left = gradients + np.einsum("gab,gb->ga", parts, change)
-    scatter, samples = long_run(problem, fit, efficient(left))
+    scatter, samples = long_run(problem, efficient(left))
     dof = max(samples - len(values), 1.0)
     bend = slope_of_loss(fit)
     values = values / bend

@@ -9,7 +9,7 @@ import numpy as np
 from evcalib.alignment import MIN_OVERLAP
 from evcalib.alignment.offset import OffsetCurve, second_peak_ratio
 from evcalib.arrays import Flags, Floats, Integers
-from evcalib.joint._solver import Problem, begin, linearise, step
+from evcalib.joint._solver import Fit, Problem, begin, linearise, turn
 
 MOST_SEARCHED = 6_000
 """Observations that enter the search over all offsets.  A choice of speed: the fit begins at its
@@ -32,13 +32,16 @@ class Search:
     """Losses of some tracks over the candidate offsets.
 
     `losses` (k, m) [rad^2], NaN where the odometry does not cover a track; `length` (k,) counts
-    observations; `stretch` (k,) numbers the stretch of time that each starts in.
+    observations; `stretch` (k,) numbers the stretch of time that each starts in.  Of candidates
+    that lie alike on both sides of the optimum (`mirrored`), noise is what differs between the two:
+    what is the same on both sides, some stretches telling more than others, is none.
     """
 
     offsets: Floats
     losses: Floats
     length: Floats
     stretch: Integers
+    mirrored: bool = False
 
     @property
     def mean(self) -> Floats:
@@ -62,7 +65,8 @@ class Search:
         sums = np.zeros((int(self.stretch.max()) + 1, self.offsets.size))
         np.add.at(sums, self.stretch, np.where(known, more, 0.0))
         total = sums.sum(axis=0)
-        spread = np.sum((sums - total / len(sums)) ** 2, axis=0)
+        noise = 0.5 * (sums - sums[:, ::-1]) if self.mirrored else sums
+        spread = np.sum((noise - noise.mean(axis=0)) ** 2, axis=0)
         # Neighbouring stretches share corners.
         return total, GATE * np.sqrt(2.0 * spread)
 
@@ -99,26 +103,37 @@ def _reach(more: Floats, gate: Floats, known: Flags) -> float:
 
 
 def search_offsets(
-    problem: Problem, R: Floats, offsets: Floats, loss_scale: float, most: int = MOST_SEARCHED
+    problem: Problem,
+    R: Floats,
+    offsets: Floats,
+    loss_scale: float,
+    *,
+    most: int = MOST_SEARCHED,
+    like: Fit | None = None,
+    mirrored: bool = False,
 ) -> Search | None:
-    """Compare offsets by the losses of some tracks at each, with the best rotation there."""
+    """Compare offsets by the losses of some tracks at each, with the best rotation there.
+
+    What else is unknown stays as in the fit `like`.
+    """
     tracks, t = problem.tracks.thinned(most), problem.motion.t
     covered = np.add.outer(tracks.start, offsets) >= t[0]
     covered &= np.add.outer(tracks.end, offsets) <= t[-1]
     if covered.sum(axis=0).max() < FEWEST:
         return None
-    part, free = problem.part(tracks), np.array([True, True, True, False, False])
+    part = problem.part(tracks)
     losses = np.full(covered.shape, np.nan)
     for k, offset in enumerate(offsets):
         if not covered[:, k].any():
             continue
-        fit = begin(part, R, float(offset), loss_scale)
+        fit = begin(part, R, float(offset), loss_scale, like)
         for _ in range(2):
-            linearise(part, fit)
-            step(part, fit, free)
-        linearise(part, fit)
+            linearise(part, fit, everything=False)
+            turn(fit)
+        linearise(part, fit, everything=False)
         losses[:, k] = np.where(covered[:, k], fit.losses, np.nan)
-    return Search(offsets, losses, tracks.length.astype(np.float64), tracks.stretch(STRETCH))
+    length = tracks.length.astype(np.float64)
+    return Search(offsets, losses, length, tracks.stretch(STRETCH), mirrored)
 
 
 def curve_of(search: Search, found: float, max_offset: float, worst: float) -> OffsetCurve:

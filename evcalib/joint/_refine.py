@@ -1,4 +1,4 @@
-"""Rotation and offset from all observations of all corners at once.
+"""Rotation, offset and position from all observations of all corners at once.
 
 Headings tell only which way the camera went.  A corner that is seen again and again tells more: by
 how much further it moves from one observation to the next, up to its unknown distance.  So not only
@@ -15,8 +15,21 @@ from evcalib.checks import instance, positive
 from evcalib.joint import _model_checks as checks
 from evcalib.joint._offset_search import FEWEST, GATE, Search, curve_of, search_offsets
 from evcalib.joint._result import SYSTEMATIC, JointRefinement, Systematic
-from evcalib.joint._solver import Fit, Problem, covariance_of, solve
-from evcalib.joint._world_motion import jump_floor, world_motion, yaw_rate_error
+from evcalib.joint._solver import (
+    LAG,
+    OFFSET,
+    POSITION,
+    TILT,
+    UNKNOWNS,
+    Fit,
+    Problem,
+    begin,
+    converged,
+    covariance_of,
+    solve,
+)
+from evcalib.joint._turning import Turning
+from evcalib.joint._world_motion import USUAL_SPAN, jump_floor, world_motion, yaw_rate_error
 from evcalib.joint.tracks import Tracks
 from evcalib.kinematics.velocity_track import VelocityTrack
 from evcalib.series import VelocitySeries
@@ -37,6 +50,10 @@ SLOWEST = 2.0
 """Flow [px/s] below which a corner has no direction to trail along.  A choice: noise of 0.3 px over
 a track of 0.4 s is a flow of 1 px/s."""
 
+REACH = 1.0
+"""Standard deviation of the camera's place on the body before anything is seen [m].  A choice:
+larger than most bodies; where nothing tells more, it is what is stated."""
+
 NEAR = np.arange(-6, 7) * 0.01
 """Offsets [s] around the optimum at which its sharpness is measured.  A choice: where an end
 lies outside, the wide search counts too."""
@@ -54,14 +71,17 @@ def refine_jointly(
     max_offset: float = 1.0,
     systematic: Systematic = SYSTEMATIC,
     lever: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    estimate_position: bool = False,
+    stabilised: bool = False,
 ) -> JointRefinement | None:
-    """Refine rotation and offset on all observations of all corners.
+    """Refine rotation, offset and position on all observations of all corners.
 
     Each observation has its own time, the odometry is integrated from the first one to it, its yaw
     included, and the distance of each corner is solved for along with the rest.  The loss is
-    Tukey's.  Two nuisances are estimated too, with priors: how far corners trail along their flow,
-    and how far the odometry's yaw rate is off, every 50 ms anew, so that its noise does not pass
-    for motion.
+    Tukey's.  Nuisances are estimated too, with priors: how far corners trail along their flow, how
+    the body tilts by its acceleration, and how it turns about three axes beyond what the odometry
+    tells, every 50 ms, as much as the tracks show: so neither noise of the yaw rate nor vibration
+    passes for motion, and what cannot be told from it widens the covariance.
 
     Parameters
     ----------
@@ -85,6 +105,12 @@ def refine_jointly(
         What is known of errors that all observations share.
     lever : tuple of float
         Position of the camera in the body frame [m].
+    estimate_position : bool
+        Take x and y of it as a start only.  A body that does not turn does not show them: they stay
+        as they are, at a standard deviation of a metre.
+    stabilised : bool
+        Whether `r2` are bearings of a camera that does not turn: a gyroscope took its turning since
+        the first observation out.
 
     Returns
     -------
@@ -113,28 +139,35 @@ def refine_jointly(
     tracks = tracks.thinned(MOST)
     if len(tracks) < FEWEST:
         return None
-    problem = _problem(tracks, velocities, track, focal, systematic, lever)
-    free, widest = np.array([True, True, True, estimate_offset, True]), WIDEST / focal
-    grid = candidate_offsets(max_offset)
+    problem = _problem(tracks, velocities, track, focal, systematic, lever, stabilised)
+    free = np.repeat(
+        [True, estimate_offset, True, estimate_position, not stabilised], [3, 1, 1, 2, 2]
+    )
+    widest, grid = WIDEST / focal, candidate_offsets(max_offset)
     start = _start(problem, R_body_cam, grid[::4], widest) if estimate_offset else offset
-    fit = None if start is None else solve(problem, R_body_cam, start, free, widest)
+    if start is None:
+        return None
+    fit = solve(problem, begin(problem, R_body_cam, start, widest), free, widest)
     if fit is None:
         return None
-    problem, fit = checks.with_turning(problem, fit, free, widest)
     problem, fit, drift = checks.without_drift(problem, fit, free, widest)
     covariance, samples = covariance_of(problem, fit, free)
+    done = converged(fit, covariance, free)
     covariance[:3, :3] += systematic.rotation_sd**2 * np.eye(3)
     search = None
     if estimate_offset:
         search, width = _sharpness(problem, fit, grid[::2])
-        sd = max(float(np.sqrt(covariance[3, 3])), 0.5 * width / GATE, jump_floor(track))
-        covariance[3, 3] = sd**2 + systematic.time_sd**2
+        sd = np.sqrt(covariance[OFFSET, OFFSET])
+        sd = max(float(sd), 0.5 * width / GATE, jump_floor(track))
+        covariance[OFFSET, OFFSET] = sd**2 + systematic.time_sd**2
+    told, sd = np.r_[:4, POSITION], np.sqrt(np.diag(covariance))
     return JointRefinement(
         R_body_cam=fit.R,
         offset=fit.offset,
         lag=fit.lag * focal,
-        lag_sd=float(np.sqrt(covariance[4, 4])) * focal,
-        covariance=covariance[:4, :4],
+        lag_sd=float(sd[LAG]) * focal,
+        position=np.array([*fit.values[POSITION], lever[2]]),
+        covariance=covariance[np.ix_(told, told)],
         samples=samples,
         noise=fit.noise * focal,
         inlier_share=float(np.mean(fit.weights > 0)),
@@ -145,10 +178,12 @@ def refine_jointly(
         if search is None
         else curve_of(search, fit.offset, max_offset, fit.loss_scale**2 / 6),
         plausible=np.empty(0) if search is None else search.as_good(fit.offset),
-        converged=fit.converged,
+        converged=done,
         drift=drift,
         distortion=checks.distortion(problem, fit, free),
-        turning=problem.yaw_rate_sd,
+        turning=checks.turning(problem, fit),
+        tilt=fit.values[TILT].copy(),
+        tilt_sd=sd[TILT],
     )
 
 
@@ -159,17 +194,23 @@ def _problem(
     focal: float,
     systematic: Systematic,
     lever: tuple[float, float, float],
+    stabilised: bool,
 ) -> Problem:
     """Return the problem in radians."""
+    prior, prior_sd = np.zeros(UNKNOWNS), np.full(UNKNOWNS, np.inf)
+    prior[LAG], prior_sd[LAG] = systematic.lag / focal, systematic.lag_sd / focal
+    prior[POSITION], prior_sd[POSITION] = lever[:2], REACH
+    prior_sd[TILT] = systematic.tilt_sd
+    yaw_rate_sd = float(np.hypot(yaw_rate_error(velocities, track), systematic.yaw_rate_sd))
     return Problem(
         tracks,
-        tracks.group,
         world_motion(velocities, track),
         lever,
         slowest=SLOWEST / focal,
-        lag=systematic.lag / focal,
-        lag_sd=systematic.lag_sd / focal,
-        yaw_rate_sd=float(np.hypot(yaw_rate_error(velocities, track), systematic.yaw_rate_sd)),
+        prior=prior,
+        prior_sd=prior_sd,
+        turning=Turning.over(tracks, yaw_rate_sd, USUAL_SPAN),
+        stabilised=stabilised,
     )
 
 
@@ -184,8 +225,16 @@ def _sharpness(problem: Problem, fit: Fit, offsets: Floats) -> tuple[Search | No
 
     The final loss is far narrower than that of the start: other answers stand out.
     """
-    wide = search_offsets(problem, fit.R, offsets, fit.loss_scale)
-    near = search_offsets(problem, fit.R, np.asarray(fit.offset + NEAR), fit.loss_scale, MOST_NEAR)
+    wide = search_offsets(problem, fit.R, offsets, fit.loss_scale, like=fit)
+    near = search_offsets(
+        problem,
+        fit.R,
+        np.asarray(fit.offset + NEAR),
+        fit.loss_scale,
+        most=MOST_NEAR,
+        like=fit,
+        mirrored=True,
+    )
     return wide, _width(near, wide, fit.offset)
 
 

@@ -28,6 +28,9 @@ class Systematic:
         Standard deviation of what remains as a rotation, per axis [rad].
     yaw_rate_sd : float
         Standard deviation of the yaw rate that the odometry does not tell [rad/s], besides noise.
+    tilt_sd : float
+        Standard deviation of the roll and the pitch of a body by its acceleration
+        [rad per m/s^2].
     """
 
     lag: float = 0.0
@@ -35,6 +38,7 @@ class Systematic:
     time_sd: float = 0.0015
     rotation_sd: float = float(np.radians(0.06))
     yaw_rate_sd: float = 0.001
+    tilt_sd: float = float(np.radians(0.3))
 
 
 SYSTEMATIC = Systematic()
@@ -44,7 +48,7 @@ SYSTEMATIC = Systematic()
 @renamed_fields(sightings="observations")
 @dataclass(frozen=True, eq=False)
 class JointRefinement(Shown):
-    """Rotation and offset from all tracks.
+    """Rotation, offset and position from all tracks.
 
     Attributes
     ----------
@@ -56,9 +60,12 @@ class JointRefinement(Shown):
         How far corners trail [px].
     lag_sd : float
         Its standard deviation [px].
-    covariance : ndarray, shape (4, 4)
-        Of the rotation vector in the body frame [rad] and of the offset [s], the lag's uncertainty
-        and the dependence of observations counted in.
+    position : ndarray, shape (3,)
+        Of the camera in the body frame [m]: x and y as given or as estimated, z as given.
+    covariance : ndarray, shape (6, 6)
+        Of the rotation vector in the body frame [rad], of the offset [s], and of x and y [m], the
+        uncertainty of nuisances and the dependence of observations counted in; zero for what was
+        not estimated.
     samples : float
         Stretches of motion that count as independent.
     noise : float
@@ -75,20 +82,25 @@ class JointRefinement(Shown):
     plausible : ndarray, shape (k,)
         Candidates [s] that fit as well as the best.
     converged : bool
-        Whether the last step was small.
+        Whether the last step was small against the standard deviations.
     drift : ModelError
         How fast the offset grows [s/s]; `offset` holds in the middle.
     distortion : ModelError
         By how much directions of travel differ between the streams beyond a rotation [rad], as the
         cosine and the sine of twice their angle.
-    turning : float
-        Standard deviation of the yaw rate that the odometry does not tell [rad/s], as taken.
+    turning : ndarray, shape (3,)
+        Roll, pitch and yaw rates that the odometry does not tell [rad/s], rms: roll and pitch as
+        they swing, the yaw rate as its mean over seconds.
+    tilt, tilt_sd : ndarray, shape (2,)
+        Roll by acceleration to the left and pitch by acceleration ahead [rad per m/s^2], about the
+        body's X and Y, and their standard deviations.
     """
 
     R_body_cam: Floats
     offset: float
     lag: float
     lag_sd: float
+    position: Floats
     covariance: Floats
     samples: float
     noise: float
@@ -101,4 +113,6 @@ class JointRefinement(Shown):
     converged: bool
     drift: ModelError
     distortion: ModelError
-    turning: float
+    turning: Floats
+    tilt: Floats
+    tilt_sd: Floats

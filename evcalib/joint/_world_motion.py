@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from evcalib.arrays import Floats
 from evcalib.kernels.joint.observation_model import WorldMotion
 from evcalib.kernels.kinematics import velocity_track as track_kernel
 from evcalib.kinematics.velocity_track import VelocityTrack, smoothed
@@ -17,7 +18,7 @@ SMOOTHED = 0.2
 
 NO_YAW_RATE = 0.005
 """Yaw rate [rad/s] that a body may have where the odometry tells none.  A choice, a start: where
-the tracks show more, they are believed (`with_turning`)."""
+the tracks show more, they are believed (`Turning.shown`)."""
 
 JUMP = 0.25
 """Change from one sample of the odometry to the next, as a share of the usual speed, that counts as
@@ -25,7 +26,11 @@ sudden.  A choice: a turn by 15 degrees, or a quarter of the speed, within a sam
 
 USUAL_SPAN = 0.4
 """Usual time from the first to the last observation of a corner [s].  It only scales the prior of
-the yaw-rate bias, by its root; the tracks correct the prior (`with_turning`)."""
+the turning, by its root; the tracks correct the prior (`Turning.shown`)."""
+
+PULLED = 0.15
+"""Acceleration is the mean over so much time [s] up to now, half of it late.  A choice: as late as
+a body of 2 Hz and a damping of 0.4 follows it (0.06 s), and short of its swing."""
 
 
 def world_motion(velocities: VelocitySeries, track: VelocityTrack) -> WorldMotion:
@@ -43,7 +48,18 @@ def world_motion(velocities: VelocitySeries, track: VelocityTrack) -> WorldMotio
     x, y, z = v.T
     v = np.stack([c * x - s * y, s * x + c * y, z], axis=1)
     slope, path = track_kernel.slopes(track.t, v), track_kernel.integrate(track.t, v, track.segment)
-    return WorldMotion(track.t, v, slope, path, yaw, track.segment)
+    return WorldMotion(track.t, v, slope, path, yaw, track.segment, _pull(track, v, yaw))
+
+
+def _pull(track: VelocityTrack, v: Floats, yaw: Floats) -> Floats:
+    """Return the acceleration to the left and ahead, a little late, that tilts a body [m/s^2]."""
+    t = track.t
+    begin = t[np.searchsorted(track.segment, track.segment)]
+    before = np.maximum(t - PULLED, begin)
+    earlier = np.stack([np.interp(before, t, axis) for axis in v.T[:2]], axis=1)
+    x, y = ((v[:, :2] - earlier) / PULLED).T
+    c, s = np.cos(yaw), np.sin(yaw)
+    return np.stack([c * y - s * x, c * x + s * y], axis=1)
 
 
 def jump_floor(track: VelocityTrack) -> float:

@@ -14,10 +14,10 @@ from evcalib.series import bins
 SHORTEST = 2
 """Fewest observations after the first: two displacements of one corner can be compared."""
 
+
 STRETCH = 0.05
-"""Tracks that start within so much time [s] form a group, with one yaw-rate bias.  A choice:
-shorter than a track by far, so that noise of the yaw rate is followed, long enough for several
-corners."""
+"""Time [s] between the knots of the unknown turning.  A choice: that between keyframes, so that
+each turns by itself, and shorter than a track by far."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,11 +42,6 @@ class Tracks(Shown):
 
     def __len__(self) -> int:
         return int(self.first.size) - 1
-
-    @property
-    def group(self) -> Integers:
-        """Number of the stretch of time that each starts in, from 0, shape (k,)."""
-        return self.stretch(STRETCH)
 
     @property
     def length(self) -> Integers:

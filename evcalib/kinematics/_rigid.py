@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from evcalib.arrays import Floats
 from evcalib.errors import InputError
 from evcalib.kinematics._states import BodyTwist
+from evcalib.kinematics._wheels import check_span
 
 MIN_SPREAD = 1e-3
 """Wheels closer together than this [m] are one wheel: no drawing tells their places better."""
@@ -16,9 +18,23 @@ noise of the wheels would come out a thousand times as large."""
 
 
 def solve(matrix: Floats, measured: Floats, wheels: int) -> BodyTwist:
-    """Return the twists that fit the measurements (n, m) of so many wheels best."""
-    twist = measured @ np.linalg.pinv(matrix).T
-    return with_slip(matrix, measured, twist, wheels)
+    """Return the twists that fit the measurements (n, m) of so many wheels best.
+
+    The matrix is (m, 3), or (n, m, 3) where it differs from row to row.
+    """
+    return with_slip(matrix, measured, fit(matrix, measured), wheels)
+
+
+def fit(matrix: Floats, measured: Floats) -> Floats:
+    """Return the twists (n, 3) that fit the measurements (n, m) best."""
+    if matrix.ndim == 2:
+        return measured @ np.linalg.pinv(matrix).T
+    return np.einsum("nij,nj->ni", np.linalg.pinv(matrix), measured)
+
+
+def said(matrix: Floats, twist: Floats) -> Floats:
+    """Return what the wheels would measure (n, m) under twists (n, 3)."""
+    return twist @ matrix.T if matrix.ndim == 2 else np.einsum("nij,nj->ni", matrix, twist)
 
 
 def with_slip(
@@ -28,7 +44,7 @@ def with_slip(
     wheels: int,
 ) -> BodyTwist:
     """Return the twists (n, 3) together with what they leave unexplained."""
-    residual = measured - twist @ matrix.T
+    residual = measured - said(matrix, twist)
     slip = np.sqrt((residual**2).sum(axis=1) / wheels)
     return BodyTwist(v=twist[:, :2], yaw_rate=twist[:, 2], slip=slip)
 
@@ -52,12 +68,32 @@ def check_observable(matrix: Floats, positions: Floats) -> None:
             "the yaw rate is not observable: all wheels stand at the same place,"
             f" ({centre[0]:z.3f}, {centre[1]:z.3f}) m; check the positions of the wheels"
         )
-    about_centre = matrix.copy()
-    about_centre[:, 2] += matrix[:, 0] * centre[1] - matrix[:, 1] * centre[0]
-    about_centre[:, 2] /= spread
-    _, gains, motions = np.linalg.svd(about_centre)
+    span = np.linalg.norm(positions[:, None] - positions, axis=2).max()
+    check_span(float(span), "the largest distance between two wheels")
+    _, gains, motions = np.linalg.svd(_about_centre(matrix, centre, spread))
     if gains[2] < MIN_GAIN * gains[0]:
         raise InputError(_unmeasured(motions[2], centre, spread))
+
+
+def check_rows(matrix: Floats, positions: Floats, moving: NDArray) -> None:
+    """Refuse rows (n, m, 3) that leave a motion unmeasured while the vehicle moves."""
+    centre = positions.mean(axis=0)
+    spread = float(np.sqrt(((positions - centre) ** 2).sum(axis=1).mean()))
+    gains = np.linalg.svd(_about_centre(matrix, centre, spread), compute_uv=False)
+    bad = moving & (gains[:, 2] < MIN_GAIN * gains[:, 0])
+    if bad.any():
+        raise InputError(
+            f"row {int(np.argmax(bad))}: with its wheels steered like this the vehicle may move in"
+            " several ways; are the steering angles in radians, and their zeros right?"
+        )
+
+
+def _about_centre(matrix: Floats, centre: Floats, spread: float) -> Floats:
+    """Return the matrix for twists about the centre, yaw in units of 1 / spread."""
+    about_centre = matrix.copy()
+    about_centre[..., 2] += matrix[..., 0] * centre[1] - matrix[..., 1] * centre[0]
+    about_centre[..., 2] /= spread
+    return about_centre
 
 
 def _unmeasured(motion: Floats, centre: Floats, spread: float) -> str:

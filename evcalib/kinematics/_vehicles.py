@@ -2,126 +2,22 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable
-from dataclasses import dataclass, fields
-from typing import ClassVar
+from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from evcalib import checks
 from evcalib.arrays import Floats
-from evcalib.errors import InputError
 from evcalib.kinematics import _rigid
+from evcalib.kinematics._base import VehicleBase, check_states, check_twist, contact_matrix
 from evcalib.kinematics._states import BodyTwist, WheelStates
-
-MAX_REACH = 20.0
-"""Wheels (and cameras) farther from the body's origin [m] are taken for a mistake of units: the
-largest self-propelled transporters are shorter than twice this."""
+from evcalib.kinematics._wheels import MIN_SPAN, OmniWheel, Wheel, check_wheels, length, resized
 
 
 @dataclass(frozen=True)
-class Wheel:
-    """A wheel and where it touches the ground.
-
-    Parameters
-    ----------
-    name : str
-        A word.
-    x, y : float
-        Position in the body frame [m].
-    """
-
-    name: str
-    x: float
-    y: float
-
-    def __post_init__(self) -> None:
-        if not (isinstance(self.name, str) and self.name.isidentifier()):
-            raise InputError(f"wheel name {self.name!r} must be a word (letters, digits, _)")
-        for field in fields(self)[1:]:
-            value = _number(getattr(self, field.name), f"{field.name} of wheel {self.name}")
-            object.__setattr__(self, field.name, value)
-        _check_reach(max(abs(self.x), abs(self.y)), f"wheel {self.name}")
-
-
-@dataclass(frozen=True)
-class OmniWheel(Wheel):
-    """A wheel whose rollers slide sideways.
-
-    Parameters
-    ----------
-    drive : float
-        Direction in which it rolls, from body X towards Y [rad].
-    """
-
-    drive: float
-
-
-class _Vehicle:
-    """What the vehicles share: named wheels, a matrix, and its two directions."""
-
-    steered: ClassVar[bool] = False
-    wheels: tuple[Wheel, ...]
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the wheels, in the order of the columns of `WheelStates`."""
-        return tuple(wheel.name for wheel in self.wheels)
-
-    @property
-    def positions(self) -> Floats:
-        """Contact points [m], shape (k, 2)."""
-        return np.array([(wheel.x, wheel.y) for wheel in self.wheels], dtype=np.float64)
-
-    @property
-    def matrix(self) -> Floats:
-        """The matrix H from a twist (v_x, v_y, omega) to what the wheels measure."""
-        raise NotImplementedError
-
-    def twist(self, states: WheelStates) -> BodyTwist:
-        """Return the twist that explains the wheel states best.
-
-        Parameters
-        ----------
-        states : WheelStates
-            n rows of k wheels.
-
-        Returns
-        -------
-        BodyTwist
-            v (n, 2) [m/s], yaw rate (n,) [rad/s] and slip (n,) [m/s].
-
-        Raises
-        ------
-        InputError
-            If the number of wheels differs, or angles are missing or superfluous.
-        """
-        _check_states(states, self)
-        return _rigid.solve(self.matrix, states.speed, len(self.wheels))
-
-    def wheel_states(self, v: ArrayLike, yaw_rate: ArrayLike) -> WheelStates:
-        """Return the states of the wheels of a body that moves without slip.
-
-        Parameters
-        ----------
-        v : array_like, shape (n, 2)
-            Velocity of the origin of the body frame [m/s].
-        yaw_rate : array_like, shape (n,)
-            Rotation rate about body Z [rad/s].
-
-        Returns
-        -------
-        WheelStates
-            n rows of k wheels.
-        """
-        v, yaw_rate = _check_twist(v, yaw_rate)
-        return WheelStates(np.column_stack([v, yaw_rate]) @ self.matrix.T)
-
-
-@dataclass(frozen=True)
-class Swerve(_Vehicle):
+class Swerve(VehicleBase):
     """All wheels steer and drive on their own (all-wheel steering, swerve drive).
 
     Attributes
@@ -151,45 +47,57 @@ class Swerve(_Vehicle):
 
     wheels: tuple[Wheel, ...]
     method: str = "least_squares"
-    steered: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         checks.one_of(self.method, "method", ("least_squares", "average"))
-        object.__setattr__(self, "wheels", _check_wheels(self.wheels, 2, Wheel))
+        object.__setattr__(self, "wheels", check_wheels(self.wheels, 2, Wheel))
         _rigid.check_observable(self.matrix, self.positions)
 
     @property
     def matrix(self) -> Floats:
         """The matrix H, shape (2 k, 3): rows (1, 0, -y) and (0, 1, x) for each wheel."""
-        x, y = self.positions.T
-        one, zero = np.ones_like(x), np.zeros_like(x)
-        rows = np.stack([np.stack([one, zero, -y], axis=1), np.stack([zero, one, x], axis=1)], 1)
-        return rows.reshape(-1, 3)
+        return contact_matrix(self.positions)
 
-    def twist(self, states: WheelStates) -> BodyTwist:
-        _check_states(states, self)
+    @property
+    def steer_names(self) -> tuple[str, ...]:
+        return self.names
+
+    def directions(self, states: WheelStates) -> Floats:
+        check_states(states, self)
+        assert states.steer is not None
+        return states.steer
+
+    def resized(self, factor: float) -> Self:
+        return replace(self, wheels=resized(self.wheels, factor))
+
+    def equations(self, states: WheelStates) -> tuple[Floats, Floats]:
+        check_states(states, self)
         speed, steer = states.speed, states.steer
         assert steer is not None
         contact = np.stack([speed * np.cos(steer), speed * np.sin(steer)], axis=2)
-        measured = contact.reshape(len(states), -1)
-        fit = _rigid.solve(self.matrix, measured, len(self.wheels))
+        return self.matrix, contact.reshape(len(states), -1)
+
+    def twist(self, states: WheelStates) -> BodyTwist:
+        matrix, measured = self.equations(states)
+        fit = _rigid.solve(matrix, measured, len(self.wheels))
         if self.method == "least_squares":
             return fit
-        twist = np.column_stack([_average(speed, steer), fit.yaw_rate])
-        return _rigid.with_slip(self.matrix, measured, twist, len(self.wheels))
+        assert states.steer is not None
+        twist = np.column_stack([_average(states.speed, states.steer), fit.yaw_rate])
+        return _rigid.with_slip(matrix, measured, twist, len(self.wheels))
 
     def wheel_states(self, v: ArrayLike, yaw_rate: ArrayLike) -> WheelStates:
-        """Return the states of the wheels, all running forwards; see `_Vehicle.wheel_states`.
+        """Return the states of the wheels, all running forwards; see `Omni.wheel_states`.
 
         A wheel that stands still has angle 0.  Both methods share this inverse.
         """
-        contact = _rigid.contact_velocities(self.positions, *_check_twist(v, yaw_rate))
+        contact = _rigid.contact_velocities(self.positions, *check_twist(v, yaw_rate))
         ux, uy = contact[..., 0], contact[..., 1]
         return WheelStates(np.hypot(ux, uy), np.arctan2(uy, ux))
 
 
 @dataclass(frozen=True)
-class Mecanum(_Vehicle):
+class Mecanum(VehicleBase):
     """Four wheels at a rectangle, rollers at 45 degrees, wheels named fl, fr, rl, rr.
 
     With a = half_length + half_width the rim speeds are (Lynch & Park, Modern Robotics, 13.2)
@@ -220,9 +128,7 @@ class Mecanum(_Vehicle):
 
     def __post_init__(self) -> None:
         for name in ("half_length", "half_width"):
-            value = checks.positive(getattr(self, name), name, "m")
-            _check_reach(value, name)
-            object.__setattr__(self, name, value)
+            object.__setattr__(self, name, length(getattr(self, name), name, MIN_SPAN / 2))
 
     @property
     def wheels(self) -> tuple[Wheel, ...]:  # type: ignore[override]
@@ -230,6 +136,11 @@ class Mecanum(_Vehicle):
         x, y = self.half_length, self.half_width
         corners = {"fl": (x, y), "fr": (x, -y), "rl": (-x, y), "rr": (-x, -y)}
         return tuple(Wheel(name, *corner) for name, corner in corners.items())
+
+    def resized(self, factor: float) -> Self:
+        return replace(
+            self, half_length=factor * self.half_length, half_width=factor * self.half_width
+        )
 
     @property
     def matrix(self) -> Floats:
@@ -239,7 +150,7 @@ class Mecanum(_Vehicle):
 
 
 @dataclass(frozen=True)
-class Omni(_Vehicle):
+class Omni(VehicleBase):
     """Three or more omni wheels (kiwi drive and its relatives), anywhere, driving anywhere.
 
     A wheel at (x, y) that rolls in direction b has the rim speed
@@ -262,8 +173,14 @@ class Omni(_Vehicle):
     wheels: tuple[OmniWheel, ...]
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "wheels", _check_wheels(self.wheels, 3, OmniWheel))
+        object.__setattr__(self, "wheels", check_wheels(self.wheels, 3, OmniWheel))
         _rigid.check_observable(self.matrix, self.positions)
+
+    def directions(self, states: WheelStates) -> Floats:
+        return np.tile([wheel.drive for wheel in self.wheels], (len(states), 1))
+
+    def resized(self, factor: float) -> Self:
+        return replace(self, wheels=resized(self.wheels, factor))
 
     @property
     def matrix(self) -> Floats:
@@ -274,9 +191,6 @@ class Omni(_Vehicle):
         return np.stack([c, s, x * s - y * c], axis=1)
 
 
-Vehicle = Swerve | Mecanum | Omni
-
-
 def _average(speed: Floats, steer: Floats) -> Floats:
     """Return mean speed times (cos, sin) of the circular mean angle, shape (n, 2)."""
     forwards = np.where(speed < 0, -1.0, 1.0)
@@ -284,49 +198,3 @@ def _average(speed: Floats, steer: Floats) -> Floats:
     length = np.hypot(x, y)
     scale = np.abs(speed).mean(axis=1) / np.where(length > 1e-9, length, np.inf)
     return np.column_stack([scale * x, scale * y])
-
-
-def _check_wheels(wheels: Iterable[Wheel], least: int, kind: type[Wheel]) -> tuple[Wheel, ...]:
-    wheels = tuple(wheels)
-    for wheel in wheels:
-        if not isinstance(wheel, kind):
-            raise InputError(f"wheels must be {kind.__name__} objects, not {wheel!r}")
-    names = [wheel.name for wheel in wheels]
-    twice = [name for name in names if names.count(name) > 1]
-    if twice:
-        raise InputError(f"wheel {twice[0]} is given twice; every wheel needs its own name")
-    if len(wheels) < least:
-        raise InputError(f"at least {least} wheels are needed, not {len(wheels)}")
-    return wheels
-
-
-def _check_reach(distance: float, what: str) -> None:
-    if distance > MAX_REACH:
-        raise InputError(
-            f"{what} is {distance:g} m from the body's origin, over {MAX_REACH:g} m; are lengths in"
-            " metres (not millimetres)?"
-        )
-
-
-def _number(value: object, name: str) -> float:
-    try:
-        number = float(value)  # type: ignore[arg-type]
-    except (TypeError, ValueError, OverflowError):
-        number = math.nan
-    if not math.isfinite(number):
-        raise InputError(f"{name} must be a finite number, not {value!r}")
-    return number
-
-
-def _check_states(states: WheelStates, vehicle: _Vehicle) -> None:
-    names = ", ".join(vehicle.names)
-    if states.speed.shape[1] != len(vehicle.wheels):
-        raise InputError(f"{states.speed.shape[1]} wheel speeds, but the wheels are {names}")
-    if vehicle.steered != (states.steer is not None):
-        want = "needs the steering angles" if vehicle.steered else "has no steering angles"
-        raise InputError(f"a {type(vehicle).__name__.lower()} vehicle {want} of {names}")
-
-
-def _check_twist(v: ArrayLike, yaw_rate: ArrayLike) -> tuple[Floats, Floats]:
-    velocity = checks.floats(v, "v", (None, 2))
-    return velocity, checks.floats(yaw_rate, "yaw_rate", (velocity.shape[0],))

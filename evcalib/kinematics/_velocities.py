@@ -10,9 +10,13 @@ from evcalib import checks
 from evcalib.arrays import Flags, Floats
 from evcalib.display import Shown
 from evcalib.errors import InputError
+from evcalib.kinematics._rolling import Rolling
 from evcalib.kinematics._states import WheelLog
-from evcalib.kinematics._vehicles import Mecanum, Omni, Swerve, Vehicle
+from evcalib.kinematics._vehicles import Mecanum, Omni, Swerve
 from evcalib.series import VelocitySeries
+
+Vehicle = Swerve | Mecanum | Omni | Rolling
+"""All kinds of vehicles."""
 
 WARN_SLIP, REFUSE_SLIP = 1 / 10, 1 / 3
 """Shares of the wheels' speed over which slip is told and counted, and over which it is refused.
@@ -109,13 +113,13 @@ def body_velocities(
     ----------
     wheel_log : WheelLog
         n rows of wheel states, in the order of the vehicle's wheels.
-    vehicle : Swerve, Mecanum or Omni
+    vehicle : Swerve, Mecanum, Omni or Rolling
         The vehicle that wrote the log.
     max_slip : float, optional
         Remove rows whose slip [m/s] is larger.
     max_yaw_rate : float, optional
-        Remove rows that turn faster [rad/s], either way.  A camera away from the body's origin
-        then sees another velocity than the origin's: the paper assumes there is no rotation.
+        Remove rows that turn faster [rad/s], either way, for methods that assume, as the paper
+        does, that there is no rotation; `evcalib.calibrate` needs none left out.
 
     Returns
     -------
@@ -129,7 +133,7 @@ def body_velocities(
         other by over a third of their speed, a limit is not positive, or no row is left.
     """
     checks.instance(wheel_log, "wheel_log", WheelLog)
-    checks.instance(vehicle, "vehicle", Swerve, Mecanum, Omni)
+    checks.instance(vehicle, "vehicle", Swerve, Mecanum, Omni, Rolling)
     twist = vehicle.twist(wheel_log.states)
     share, wheel_speed = _judged(wheel_log, vehicle)
     v = np.column_stack([twist.v, np.zeros(len(twist.v))])
@@ -154,7 +158,8 @@ def body_velocities(
 
 CAUSES = (
     "steering angles in degrees, a steering zero that is off (offset in the column map), wheels in"
-    " another order, a speed of the wrong sign, or mecanum rollers the other way round"
+    " another order, a speed of the wrong sign, mecanum rollers the other way round, or another"
+    " type of vehicle"
 )
 
 

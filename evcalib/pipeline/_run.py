@@ -10,10 +10,12 @@ from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 from evcalib.arrays import Floats
+from evcalib.camera import Camera
 from evcalib.display import Shown
 from evcalib.heading import HeadingEstimate
 from evcalib.kinematics import BodyVelocities
 from evcalib.pipeline._assessment import RefinedCalibration
+from evcalib.pipeline._gyro import Gyro
 from evcalib.series import VelocitySeries
 
 PACKAGES = ("evcalib", "numpy", "scipy", "numba", "opencv-python-headless", "matplotlib")
@@ -114,6 +116,12 @@ class CalibrationRun(Shown):
         Role to file, the recording first.
     truth : Truth, optional
         Where it is known.
+    gyro : Gyro, optional
+        What the camera's IMU gave, where one was used.
+    camera : Camera, optional
+        The camera as it was given.
+    origin_us : int
+        What was subtracted from all times of the recording [us].
     """
 
     calibration: RefinedCalibration
@@ -128,6 +136,9 @@ class CalibrationRun(Shown):
     command: str = ""
     files: Mapping[str, InputFile] = field(default_factory=dict)
     truth: Truth | None = None
+    gyro: Gyro | None = None
+    camera: Camera | None = None
+    origin_us: int = 0
 
     @property
     def gap_reasons(self) -> list[tuple[str, int]]:

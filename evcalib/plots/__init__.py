@@ -20,6 +20,7 @@ __all__ = [
     "kinematics",
     "offset",
     "recording",
+    "repeats",
     "rivals",
     "rotation",
     "studies",

@@ -13,7 +13,7 @@ from matplotlib.patches import Polygon
 from numpy.typing import NDArray
 
 from evcalib.arrays import Floats
-from evcalib.kinematics import BodyVelocities, Mecanum, Omni, Vehicle, WheelStates
+from evcalib.kinematics import BodyVelocities, Mecanum, Vehicle, WheelStates
 from evcalib.plots import style
 from evcalib.series import VelocitySeries
 
@@ -38,7 +38,7 @@ def draw_motion(
     ----------
     ax : Axes
         Where to draw.
-    vehicle : Swerve, Mecanum or Omni
+    vehicle : Swerve, Mecanum, Omni or Rolling
         The vehicle.
     states : WheelStates
         States of its wheels.
@@ -55,9 +55,9 @@ def draw_motion(
         states.speed[row : row + 1], None if states.steer is None else states.steer[row : row + 1]
     )
     twist = vehicle.twist(one)
-    positions, angle = vehicle.positions, _wheel_angles(vehicle, one)
-    measured = one.speed[0][:, None] * _unit(angle)
+    positions, angle = vehicle.positions, vehicle.directions(one)[0]
     implied = _implied(vehicle, twist.v[0], float(twist.yaw_rate[0]), angle)
+    measured = _measured(vehicle, one, angle, implied)
     size = float(np.abs(positions).max())
     _draw_chassis(ax, vehicle, angle, size)
     for place, is_, should in zip(positions, measured, implied, strict=True):
@@ -92,7 +92,7 @@ def draw_travel(
     ----------
     ax : Axes
         Where to draw.
-    vehicle : Swerve, Mecanum or Omni
+    vehicle : Swerve, Mecanum, Omni or Rolling
         The vehicle.
     states : WheelStates
         States of its wheels; the first row counts.
@@ -103,7 +103,7 @@ def draw_travel(
     """
     twist = vehicle.twist(states)
     motion = *twist.v[0], float(twist.yaw_rate[0])
-    angle = _wheel_angles(vehicle, states)
+    angle = vehicle.directions(states)[0]
     size = float(np.abs(vehicle.positions).max())
     path = np.array([_placed(motion, t)[0] for t in np.linspace(0.0, seconds, 61)])
     ax.plot(*_on_page(path).T, color=style.BODY, lw=1.6, zorder=3)
@@ -209,7 +209,7 @@ def motion_figure(
     ----------
     velocities : VelocitySeries
         What came of a log.
-    vehicle : Swerve, Mecanum or Omni, optional
+    vehicle : Swerve, Mecanum, Omni or Rolling, optional
         The vehicle, if the log is of wheels.
     states : WheelStates, optional
         Its wheels; the row that moves fastest is drawn.
@@ -244,25 +244,25 @@ def draw_speed_error(ax: Axes, rates: NDArray, errors: Mapping[str, NDArray]) ->
 
 def _reach(vehicle: Vehicle, one: WheelStates) -> float:
     """Return half the side [m] of a picture that holds a vehicle and all arrows."""
-    twist, angle = vehicle.twist(one), _wheel_angles(vehicle, one)
-    measured = one.speed[0][:, None] * _unit(angle)
+    twist, angle = vehicle.twist(one), vehicle.directions(one)[0]
     implied = _implied(vehicle, twist.v[0], float(twist.yaw_rate[0]), angle)
+    measured = _measured(vehicle, one, angle, implied)
     tips = vehicle.positions + SECONDS * np.stack([measured, implied])
     return float(max(2.2 * np.abs(vehicle.positions).max(), 1.08 * np.abs(tips).max()))
-
-
-def _wheel_angles(vehicle: Vehicle, one: WheelStates) -> Floats:
-    if one.steer is not None:
-        return one.steer[0]
-    if isinstance(vehicle, Omni):
-        return np.array([wheel.drive for wheel in vehicle.wheels])
-    return np.zeros(len(vehicle.wheels))
 
 
 def _implied(vehicle: Vehicle, v: Floats, yaw_rate: float, angle: Floats) -> Floats:
     """Return what the wheels would measure under this twist, as vectors (k, 2) [m/s]."""
     said = vehicle.matrix @ np.array([v[0], v[1], yaw_rate])
-    return said.reshape(-1, 2) if vehicle.steered else said[:, None] * _unit(angle)
+    return said.reshape(-1, 2) if said.size > angle.size else said[:, None] * _unit(angle)
+
+
+def _measured(vehicle: Vehicle, one: WheelStates, angle: Floats, implied: Floats) -> Floats:
+    """Return what the wheels measure (k, 2) [m/s]; one that tells no speed shows its direction."""
+    told = dict(zip(vehicle.speed_names, one.speed[0], strict=True))
+    ahead = (_unit(angle) * implied).sum(axis=1)
+    speed = np.array([told.get(n, a) for n, a in zip(vehicle.names, ahead, strict=True)])
+    return speed[:, None] * _unit(angle)
 
 
 def _unit(angle: Floats) -> Floats:

@@ -8,6 +8,7 @@ from importlib.resources import files
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from evcalib import checks
 from evcalib.pipeline import CalibrationRun
@@ -84,10 +85,9 @@ def report_html(run: CalibrationRun) -> str:
     """
     checks.instance(run, "run", CalibrationRun)
     name = ", ".join(file.name for file in run.files.values())
-    css = files("evcalib").joinpath("report.css").read_text(encoding="utf-8")
     return page(
         "Calibration of camera and vehicle",
-        css,
+        style_sheet(),
         tag("h1", "Calibration of camera and vehicle"),
         tag("p", name, class_="under") if name else "",
         _verdict(run),
@@ -97,6 +97,30 @@ def report_html(run: CalibrationRun) -> str:
         section("What the verdict rests on", table(text.evidence(run.calibration))),
         section("To repeat this run", _circumstances(run)),
         _footer(),
+    )
+
+
+def style_sheet() -> str:
+    """Return the look of all pages (CSS)."""
+    return files("evcalib").joinpath("report.css").read_text(encoding="utf-8")
+
+
+def picture(figure: Figure, title: str, caption: str) -> Html:
+    """Return a figure with its caption."""
+    data = base64.b64encode(style.png(figure, dpi=DPI)).decode("ascii")
+    width, height = (str(round(DPI * inches)) for inches in figure.get_size_inches())
+    image = tag(
+        "img",
+        src=f"data:image/png;base64,{data}",
+        alt=f"{title}. {caption}",
+        width=width,
+        height=height,
+    )
+    return tag(
+        "figure",
+        tag("h3", title),
+        tag("div", image, class_="picture"),
+        tag("figcaption", caption),
     )
 
 
@@ -122,27 +146,8 @@ def _numbers(run: CalibrationRun) -> Html:
 
 
 def _pictures(run: CalibrationRun) -> Html:
-    shown = []
-    for name, figure in report_figures(run).items():
-        title, caption = CAPTIONS[name]
-        data = base64.b64encode(style.png(figure, dpi=DPI)).decode("ascii")
-        width, height = (round(DPI * inches) for inches in figure.get_size_inches())
-        picture = tag(
-            "img",
-            src=f"data:image/png;base64,{data}",
-            alt=f"{title}. {caption}",
-            width=str(width),
-            height=str(height),
-        )
-        shown.append(
-            tag(
-                "figure",
-                tag("h3", title),
-                tag("div", picture, class_="picture"),
-                tag("figcaption", caption),
-            )
-        )
-    return join(shown)
+    figures = report_figures(run).items()
+    return join(picture(figure, *CAPTIONS[name]) for name, figure in figures)
 
 
 def _data(run: CalibrationRun) -> Html:

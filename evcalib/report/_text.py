@@ -15,7 +15,7 @@ from evcalib.geometry import (
     mounting,
     rotation_angle,
 )
-from evcalib.pipeline import CalibrationRun
+from evcalib.pipeline import CalibrationRun, RefinedCalibration, position_text
 
 Row = tuple[str, str, str]
 
@@ -125,6 +125,11 @@ def numbers(run: CalibrationRun) -> list[Row]:
             "positive: right side down, looking down, looking left",
         ),
         (
+            "Position of the camera in the body frame",
+            position_text(calibration),
+            _unseen(calibration),
+        ),
+        (
             "Headings used",
             str(len(calibration.residuals.t)),
             f"{calibration.diagnostics.independent_headings:.0f} independent ones agree",
@@ -204,6 +209,12 @@ def _rotation_sentence(calibration: Calibration) -> str:
         f"The camera looks {camera_looks(calibration.R_body_cam)}. With 95 % probability this"
         f" rotation is off by less than {degrees(calibration.rotation_radius)} deg."
     )
+
+
+def _unseen(calibration: RefinedCalibration) -> str:
+    """Return why coordinates of the position are not known, each reason once."""
+    reasons = [one.reason for one in calibration.unknowns if one.unit == "m" and not one.determined]
+    return " ".join(dict.fromkeys(reasons))
 
 
 def _listed(values: Floats, digits: int) -> str:

@@ -1,6 +1,7 @@
 """How noise scatters, how long it remembers, and what that makes of a covariance."""
 
 from evcalib._moved import leftovers
+from evcalib.uncertainty._agreement import Agreement, agreement
 from evcalib.uncertainty._covariance import (
     UNKNOWN,
     JointCovariance,
@@ -15,8 +16,10 @@ from evcalib.uncertainty._peak import peak_of_parabola
 
 __all__ = [
     "UNKNOWN",
+    "Agreement",
     "JointCovariance",
     "NoiseModel",
+    "agreement",
     "coloured_noise",
     "fit_noise",
     "joint_covariance",

@@ -14,6 +14,10 @@
     Any dataset of n x 4 (or 4 x n) numbers, where nothing else holds events; its columns are told
     apart by what they hold.
 
+An IMU is a group with the rates ``omega`` (n x 3, rad/s) and their times ``ts`` [us], and perhaps
+``accel`` (M3ED), or ``davis/left/imu``, n x 6 of accelerations and rates with the times ``imu_ts``
+[s] (MVSEC).
+
 MATLAB's files of version 7.3 are HDF5 too; their columns may be 1 x n.  Where several groups hold
 events, `stream` names one.  A file that declares far more data than it can hold is refused.
 """
@@ -32,7 +36,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from data_tools.recordings.formats import Columns, Options, Size, Source
+from data_tools.recordings.formats import Columns, Options, Samples, Size, Source
 from data_tools.recordings.formats._columns import Converter, find_columns
 from data_tools.recordings.formats._hdf5_checks import check_columns
 from data_tools.recordings.formats._tables import FROM_ONE, SAMPLE, column_order
@@ -117,6 +121,48 @@ def open(path: Path, options: Options) -> Source:
 
     guessed = None if unit[1] else unit[0]
     return Source(stream.format, *size, pieces, notes, guessed)
+
+
+def imu(path: Path, options: Options) -> Samples | None:
+    """Return the samples of an IMU, of the group `options.stream` or the only one; None without."""
+    with _file(path) as file:
+        found: list[str] = []
+        file.visititems(lambda name, item: found.append(name) if _is_imu(name, item) else None)
+        if options.stream is not None:
+            found = [name for name in found if options.stream.strip("/") in (name, name[:-4])]
+        left = [name for name in found if name == "davis/left/imu"]
+        if len(found) > 1 and not left:
+            raise InputError(f"{path} has IMUs in {', '.join(found)}; say which (--imu-stream)")
+        if not found:
+            return None
+        name = (left or found)[0]
+        item = file[name]
+        if isinstance(item, h5py.Group):
+            t = np.asarray(item["ts"][()], dtype=np.float64).ravel()
+            rate = np.asarray(item["omega"][()], dtype=np.float64)
+            force = np.asarray(item["accel"][()], dtype=np.float64) if "accel" in item else None
+            t_ns = np.rint(1e3 * t).astype(np.int64)
+        else:
+            values = np.asarray(item[()], dtype=np.float64)
+            t_ns = np.rint(1e9 * np.asarray(file[f"{name}_ts"][()]).ravel()).astype(np.int64)
+            rate, force = values[:, 3:6], values[:, :3]
+        if len(rate) != t_ns.size or (force is not None and len(force) != t_ns.size):
+            raise InputError(f"{name} has {len(rate)} rates and {t_ns.size} times")
+    return Samples(t_ns, rate, force, (f"IMU: {name}",))
+
+
+_MVSEC_IMU = re.compile(r"(^|/)davis/(left|right)/imu$")
+
+
+def _is_imu(name: str, item: Any) -> bool:
+    """Tell whether an item is a group of rates and times, or MVSEC's table."""
+    if isinstance(item, h5py.Group):
+        if not (_is_column(item, "omega") and _is_column(item, "ts")):
+            return False
+        rate = item["omega"]
+        return bool(rate.ndim == 2 and rate.shape[1] == 3)
+    table = isinstance(item, h5py.Dataset) and _MVSEC_IMU.search(name) is not None
+    return bool(table and item.ndim == 2 and item.shape[1] >= 6 and f"{name}_ts" in item.file)
 
 
 @contextmanager

@@ -1,0 +1,251 @@
+"""The turning that the events themselves show, against that of the gyro.
+
+Matches that a gyro has turned back obey the epipolar constraint of a camera that does not turn, if
+the gyro is right.  What is left over tells its bias and how it is turned against the camera.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from evcalib import checks
+from evcalib.arrays import Floats, Integers
+from evcalib.display import Shown
+from evcalib.errors import InputError
+from evcalib.heading._correspondences import Correspondences
+from evcalib.heading._result import HeadingEstimate
+from evcalib.imu import Attitude
+from evcalib.kernels.linalg import tangent_basis
+from evcalib.series import bins
+from evcalib.uncertainty import robust_sd, sandwich
+
+FEWEST = 500
+"""Matches below which nothing is told; a choice: a second of a lively scene has as many."""
+
+MOST = 60_000
+"""Matches that are taken, evenly; a choice of speed."""
+
+SHARED = 0.5
+"""Errors of matches go together over so much time [s], a usual track; the error bars count that."""
+
+ROUNDS = 6
+"""Steps of Gauss-Newton; from 20 degrees off the fourth changes nothing any more."""
+
+LEFT = np.radians(0.2)
+"""What else than the gyro's errors may turn matches [rad]: a heading that changes within its window,
+a body that tilts with its acceleration.  Drives that tilt by 1 deg per m/s^2, and turn by 0.7 deg
+between matches, showed turns of 2 to 14 deg that are not there (`tests/test_gyro.py`)."""
+
+TURN_SD = 1.0
+"""Prior standard deviation [rad] of the turn of the gyro against what was given: none, but that
+it stays finite where the camera does not turn."""
+
+
+@dataclass(frozen=True, eq=False)
+class GyroError(Shown):
+    """What the events say of the gyro, in the axes of the camera.
+
+    Attributes
+    ----------
+    bias : ndarray, shape (3,)
+        What the rates of the attitude are too great by [rad/s].
+    turn : ndarray, shape (3,)
+        Rotation vector [rad] of the small turn that brings its rates to those of the camera.
+    covariance : ndarray, shape (6, 6)
+        Of bias and turn.
+    matches : int
+        How many tell it.
+    noise : float
+        Robust standard deviation of their residuals [rad].
+    turning : float
+        Angle by which the camera turns between the two of a match, root mean square [rad].
+    """
+
+    bias: Floats
+    turn: Floats
+    covariance: Floats
+    matches: int
+    noise: float
+    turning: float
+
+    @property
+    def bias_sd(self) -> float:
+        """Standard deviation of the bias [rad/s], the largest of the axes."""
+        return float(np.sqrt(np.diag(self.covariance)[:3].max()))
+
+    @property
+    def angle(self) -> float:
+        """Size of the turn [rad]."""
+        return float(np.linalg.norm(self.turn))
+
+    @property
+    def angle_sd(self) -> float:
+        """Standard deviation of the turn in its own direction [rad], with what `LEFT` makes of it."""
+        along = self.turn / max(self.angle, 1e-12)
+        part = self.covariance[3:, 3:]
+        own = float(along @ part @ along) if self.angle else float(np.trace(part) / 3)
+        return float(np.hypot(np.sqrt(own), LEFT / max(self.turning, 1e-9)))
+
+
+def gyro_error(
+    estimate: HeadingEstimate,
+    attitude: Attitude,
+    *,
+    bias_sd: float = 0.05,
+    turn_sd: float = TURN_SD,
+) -> GyroError | None:
+    """Find the bias and the turn of a gyro from the matches that it has turned back.
+
+    Parameters
+    ----------
+    estimate : HeadingEstimate
+        Made with the attitude, its correspondences kept.
+    attitude : Attitude
+        Of the gyro as it was taken to be.
+    bias_sd : float
+        Prior standard deviation of the bias [rad/s], about that of the attitude.
+    turn_sd : float
+        Prior standard deviation of the turn [rad], about that of the attitude.
+
+    Returns
+    -------
+    GyroError or None
+        None with too few matches.
+
+    Raises
+    ------
+    InputError
+        If the estimate has no correspondences.
+
+    Notes
+    -----
+    Over a span dt in which the attitude turns by the rotation vector theta, a bias b and a turn
+    phi leave the turn ``phi x theta - b dt``.  Every heading is unknown as well, and eliminated;
+    so is, with few directions of travel, what a turn has in common with a sideways translation:
+    the covariance says so.  Gauss-Newton under Tukey's loss.
+    """
+    checks.instance(estimate, "estimate", HeadingEstimate)
+    checks.instance(attitude, "attitude", Attitude)
+    found = estimate.correspondences
+    if found is None:
+        raise InputError("keep the correspondences (keep_correspondences=True)")
+    rows = np.flatnonzero(found.inlier)
+    if rows.size < FEWEST:
+        return None
+    rows = rows[np.linspace(0, rows.size - 1, min(rows.size, MOST)).astype(np.int64)]
+    pairs = _Pairs.of(found, rows, estimate.headings.v, attitude)
+    prior = np.r_[np.full(3, bias_sd), np.full(3, turn_sd)] ** -2.0
+    unknowns, directions = np.zeros(6), estimate.headings.v.copy()
+    covariance, noise = np.diag(1 / prior), np.inf
+    for _ in range(ROUNDS):
+        step, covariance, noise = _step(pairs, unknowns, directions, prior)
+        unknowns = unknowns + step
+    turning = float(np.sqrt(np.mean(np.sum(pairs.turn**2, axis=1))))
+    return GyroError(unknowns[:3], unknowns[3:], covariance, rows.size, noise, turning)
+
+
+@dataclass(frozen=True, eq=False)
+class _Pairs:
+    """Matches half-way between their two times, with how the camera turned between these."""
+
+    r1: Floats
+    r2: Floats
+    span: Floats
+    turn: Floats
+    heading: Integers
+    stretch: Integers
+
+    @classmethod
+    def of(cls, c: Correspondences, rows: Integers, v: Floats, attitude: Attitude) -> _Pairs:
+        t1, t2, heading = c.t1[rows], c.t2[rows], c.heading[rows]
+        back = attitude.between(0.5 * (t1 + t2), t1)
+        return cls(
+            back.apply(c.r1[rows]),
+            back.apply(c.r2[rows]),
+            t2 - t1,
+            attitude.between(t1, t2).as_rotvec(),
+            heading,
+            bins(t1 - t1.min(), SHARED),
+        )
+
+    def left(self, unknowns: Floats) -> Floats:
+        """Return the turn that is left in each [rad]."""
+        return np.cross(unknowns[3:], self.turn) - self.span[:, None] * unknowns[:3]
+
+
+def _step(
+    pairs: _Pairs, unknowns: Floats, directions: Floats, prior: Floats
+) -> tuple[Floats, Floats, float]:
+    """Make a step of Gauss-Newton, on directions in place; return it, covariance and noise."""
+    half = Rotation.from_rotvec(0.5 * pairs.left(unknowns))
+    r1, r2 = half.inv().apply(pairs.r1), half.apply(pairs.r2)
+    v = directions[pairs.heading]
+    size = np.sqrt(np.maximum(2 - (r1 * v).sum(1) ** 2 - (r2 * v).sum(1) ** 2, 1e-9))[:, None]
+    normal = np.cross(r1, r2) / size
+    residual = (normal * v).sum(axis=1)
+    noise = max(robust_sd(residual), 1e-9)
+    ratio = np.minimum((residual / (4.685 * noise)) ** 2, 1.0)
+    weight = (1 - ratio) ** 2
+    by_turn = 0.5 * (np.cross(r2, np.cross(v, r1)) - np.cross(r1, np.cross(r2, v))) / size
+    shared = np.concatenate(
+        [-pairs.span[:, None] * by_turn, np.cross(pairs.turn, by_turn)], axis=1
+    )
+    bases = np.stack([tangent_basis(one) for one in directions])
+    own = np.einsum("nij,nj->ni", bases[pairs.heading], normal)
+    count = len(directions)
+
+    def summed(columns: Floats) -> Floats:
+        """Return the sums of columns per heading, weighted."""
+        flat = (columns * weight.reshape(-1, *[1] * (columns.ndim - 1))).reshape(len(columns), -1)
+        sums = np.stack([np.bincount(pairs.heading, c, count) for c in flat.T], axis=1)
+        return sums.reshape(count, *columns.shape[1:])
+
+    block = summed(own[:, :, None] * own[:, None, :]) + 1e-12 * np.eye(2)
+    cross = summed(own[:, :, None] * shared[:, None, :])
+    pull = summed(own * residual[:, None])
+    gain = np.linalg.solve(block, cross)
+    reduced = shared - np.einsum("ni,nij->nj", own, gain[pairs.heading])
+    information = (reduced * weight[:, None]).T @ reduced / noise**2 + np.diag(prior)
+    gradient = (reduced * (weight * residual)[:, None]) / noise**2
+    step = np.linalg.solve(information, -gradient.sum(axis=0) - prior * unknowns)
+    directions -= np.einsum(
+        "nij,ni->nj", bases, np.linalg.solve(block, (pull + cross @ step)[..., None])[..., 0]
+    )
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    stretches = np.stack(
+        [np.bincount(pairs.stretch, column) for column in gradient.T], axis=1
+    )
+    # The prior is one observation of each unknown.
+    every = np.concatenate([stretches, np.diag(np.sqrt(prior))])
+    covariance = sandwich(information, every)
+    return step, np.linalg.inv(information) if covariance is None else covariance, noise
+
+
+def as_seen(found: Correspondences, attitude: Attitude) -> Correspondences:
+    """Return correspondences as the camera saw them, those of which an attitude turned back.
+
+    Parameters
+    ----------
+    found : Correspondences
+        Turned back.
+    attitude : Attitude
+        By this.
+    """
+    return replace(found, r2=attitude.between(found.t2, found.t1).apply(found.r2))
+
+
+def restabilised(found: Correspondences, old: Attitude, new: Attitude) -> Correspondences:
+    """Return correspondences turned back by another attitude than the one they were made with.
+
+    Parameters
+    ----------
+    found : Correspondences
+        Made with the old attitude.
+    old, new : Attitude
+        Of the same times.
+    """
+    r2 = as_seen(found, old).r2
+    return replace(found, r2=new.between(found.t1, found.t2).apply(r2))
