@@ -50,7 +50,6 @@ def fresh(width, height):
         last=np.full((2, height + 2, width + 2), kernels.NEVER),
         hot=np.zeros((height, width), dtype=bool),
         fired=np.zeros((height, width), dtype=np.int32),
-        alone=np.zeros((-(-height // 8), -(-width // 8)), dtype=np.int32),
         band=np.zeros((height, width), dtype=np.uint8),
         level=np.zeros((height, width), dtype=np.uint8),
     )
@@ -77,13 +76,14 @@ def test_the_kernel_does_what_its_slow_twin_does(events, within_us, support, ban
     flags = np.zeros(len(events), dtype=bool)
     state.band[:] = band
     limits = kernels.Limits(within_us, rates.ALONE_US, support, band > 0)
-    flickered = kernels.neighbours(EventColumns.of(events), state, limits, flags)
+    of_hot, flickered = kernels.neighbours(EventColumns.of(events), state, limits, flags, None)
     told = naive_filters.neighbours(
         events.x, events.y, events.t, events.p,
         within_us=within_us, support=support, hot=hot, band=band,
     )  # fmt: skip
     assert (flags.tolist(), flickered) == told
     assert state.fired.sum() == len(events)
+    assert of_hot == sum((x, y) in hot for x, y in zip(events.x, events.y, strict=True))
 
 
 @settings(max_examples=30, deadline=None)
@@ -131,7 +131,7 @@ def test_of_pure_noise_the_expected_share_stays(rate, within, support):
 def test_the_noise_is_measured(rate):
     denoiser = Denoiser(240, 180)
     denoiser.update(poisson(rate, 1.2, width=240, height=180))
-    assert denoiser.noise.rate == pytest.approx(rate, rel=0.1)
+    assert denoiser.noise.rate == pytest.approx(rate, rel=0.15)
     share = rates.share_within(denoiser.noise.rate, denoiser.within, filters.SUPPORT)
     assert share < 1.02 * filters.SHARE
 

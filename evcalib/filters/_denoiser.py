@@ -20,6 +20,9 @@ from evcalib.kernels.filters import support as kernels
 PERIOD_US = 200_000
 """Noise is measured anew at every multiple of this [us]."""
 
+COUNTED_US = PERIOD_US // 2
+"""From the start of each period, events are counted for so long [us].  A choice of speed."""
+
 REMEMBERED = 5
 """The noise is the median of so many periods, a second: neither an interruption nor a jerk of the
 camera changes it.  Hot pixels are counted over as long."""
@@ -71,6 +74,19 @@ class Noise(Shown):
     rate: float = 0.0
     hot_pixels: int = 0
     lamps: int = 0
+
+    def text(self) -> str:
+        """Return what was left out, and why, in a line."""
+        reasons = [
+            f"{self.unsupported:,} without enough neighbours ({self.rate:.1f} Hz of noise per"
+            " pixel at most)",
+            f"{self.hot:,} of {self.hot_pixels:,} hot pixels",
+            f"{self.flicker:,} of lamps that flicker at {self.lamps} Hz",
+        ]
+        counts = (self.unsupported, self.hot, self.flicker)
+        told = [reason for reason, count in zip(reasons, counts, strict=True) if count]
+        share = 1.0 - self.kept / self.events if self.events else 0.0
+        return f"{100 * share:.1f} % of the events" + (": " + ", ".join(told) if told else "")
 
 
 class Denoiser:
@@ -126,10 +142,10 @@ class Denoiser:
             last=np.full((2, height + 2, width + 2), kernels.NEVER),
             hot=np.zeros(self.shape, dtype=np.bool_),
             fired=np.zeros(self.shape, dtype=np.int32),
-            alone=np.zeros(self._areas.shape, dtype=np.int32),
             band=np.zeros(self.shape, dtype=np.uint8),
             level=np.zeros(self.shape, dtype=np.uint8),
         )
+        self._alone = np.zeros(self._areas.shape, dtype=np.int32)
         self._flicker = FlickerMeter()
         self._heat = np.zeros(self.shape)
         self._recent: deque[float] = deque(maxlen=REMEMBERED)
@@ -177,12 +193,14 @@ class Denoiser:
             )
         done = 0
         while done < len(events):
-            period = int(events.t[done]) // PERIOD_US
+            period, since = divmod(int(events.t[done]), PERIOD_US)
             if period != self._period:
                 self._measure()
                 self._period = period
-            end = int(np.searchsorted(events.t, (period + 1) * PERIOD_US))
-            self._judge(events[done:end], stay[done:end])
+            counting = since < COUNTED_US
+            until = period * PERIOD_US + (COUNTED_US if counting else PERIOD_US)
+            end = int(np.searchsorted(events.t, until))
+            self._judge(events[done:end], stay[done:end], counting)
             done = end
         self._now = int(events.t[-1])
         return stay
@@ -192,9 +210,9 @@ class Denoiser:
         stay = self.update(events)
         return events if stay.all() else events[stay]
 
-    def _judge(self, events: Events, stay: Flags) -> None:
+    def _judge(self, events: Events, stay: Flags, counting: bool) -> None:
         """Mark the events of one period that stay."""
-        within, hot = self.within, self._state.hot
+        within = self.within
         self._flicker.update(events)
         limits = kernels.Limits(
             since_us=round(1e6 * within),
@@ -202,8 +220,9 @@ class Denoiser:
             support=self._support if within else 0,
             flicker=self._flicker.lamps > 0,
         )
-        flickered = kernels.neighbours(EventColumns.of(events), self._state, limits, stay)
-        of_hot = int(np.count_nonzero(hot[events.y, events.x])) if hot.any() else 0
+        columns = EventColumns.of(events)
+        alone = self._alone if counting else None
+        of_hot, flickered = kernels.neighbours(columns, self._state, limits, stay, alone)
         kept = int(np.count_nonzero(stay))
         noise = self.noise
         self.noise = replace(
@@ -220,14 +239,14 @@ class Denoiser:
         if self._period < 0:
             return
         state = self._state
-        rate = rates.noise_rate(state.alone, self._areas, 1e-6 * PERIOD_US)
+        rate = rates.noise_rate(self._alone, self._areas, 1e-6 * COUNTED_US)
         self._recent.append(rate)
         self._rates.append(rate)
         self._flicker.measure(state.fired, 1e-6 * PERIOD_US, state.band)
         # A mean over REMEMBERED periods, in events per second.
         kernels.warm(self._heat, state.fired, 1e6 / PERIOD_US, 1.0 / REMEMBERED)
         kernels.find_hot(self._heat, HOT, HOT_LEAST, state.hot)
-        state.alone[:] = 0
+        self._alone[:] = 0
         self.noise = replace(
             self.noise,
             rate=float(np.median(self._rates)),

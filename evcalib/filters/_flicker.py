@@ -13,10 +13,10 @@ from evcalib.events import Events
 LAMPS = (100, 120)
 """Lamps go bright and dark twice in each cycle of the mains, of 50 or 60 Hz [Hz]."""
 
-EVERY, BINS = 16, 16
+EVERY, BINS = 32, 16
 """One event of so many is looked at, and put into one of so many phases.  A choice of speed."""
 
-FEWEST = 500
+FEWEST = 250
 """Events of each polarity, of those looked at, without which no flicker is told: chance opposes
 them to 1 / FEWEST."""
 

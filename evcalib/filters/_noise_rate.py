@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.special import lambertw
 from scipy.stats import binom
 
-from evcalib.arrays import Floats, Integers
+from evcalib.arrays import Floats
 from evcalib.kernels.filters.support import BLOCK
 
 QUIET = 0.1
@@ -37,7 +38,7 @@ def block_areas(width: int, height: int) -> Floats:
     return np.outer(rows, columns).astype(np.float64)
 
 
-def noise_rate(alone: Integers, areas: Floats, seconds: float) -> float:
+def noise_rate(alone: NDArray[np.int32], areas: Floats, seconds: float) -> float:
     """Return events of noise per second and pixel, from the events of blocks without neighbours.
 
     The quiet part's count is the lower tail of a Poisson distribution, whose root has a standard

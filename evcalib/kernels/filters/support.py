@@ -19,7 +19,6 @@ class State(NamedTuple):
     last: np.ndarray  # (2, height + 2, width + 2) int64, last event of each polarity [us]
     hot: np.ndarray  # (height, width) bool, pixels that are left out
     fired: np.ndarray  # (height, width) int32, events of this period
-    alone: np.ndarray  # (rows, columns) int32, of each block the events without any neighbour
     band: np.ndarray  # (height, width) uint8, events by which each pixel flickers up and down
     level: np.ndarray  # (height, width) uint8, where it is in this band
 
@@ -34,7 +33,7 @@ class Limits(NamedTuple):
 
 
 @jit
-def neighbours(events, state, limits, supported):
+def neighbours(events, state, limits, supported, alone):
     """Mark the events that enough of their eight neighbours precede; `state` is updated.
 
     Parameters
@@ -47,22 +46,25 @@ def neighbours(events, state, limits, supported):
         What makes an event supported.
     supported : ndarray of bool, shape (n,)
         Output; events of hot pixels and of flicker are neither supported nor remembered.
+    alone : ndarray of int32, shape (rows, columns), or None
+        Adds up the events of each block that no neighbour precedes.
 
     Returns
     -------
-    int
-        Events of flicker: those that go up and down within the band.
+    int, int
+        Events of hot pixels; those of flicker, which go up and down within the band.
     """
     _, rows, stride = state.last.shape
     last, size = state.last.reshape(-1), rows * stride
-    columns = state.alone.shape[1]
-    alone, hot, fired = state.alone.reshape(-1), state.hot.reshape(-1), state.fired.reshape(-1)
-    level, band, flickered = state.level.reshape(-1), state.band.reshape(-1), 0
+    hot, fired = state.hot.reshape(-1), state.fired.reshape(-1)
+    level, band = state.level.reshape(-1), state.band.reshape(-1)
+    of_hot = flickered = 0
     for i in range(events.t.size):
         x, y, t = np.int64(events.x[i]), np.int64(events.y[i]), events.t[i]
         pixel = y * (stride - 2) + x
         fired[pixel] += 1
         if hot[pixel]:
+            of_hot += 1
             supported[i] = False
             continue
         if limits.flicker and band[pixel]:
@@ -76,7 +78,7 @@ def neighbours(events, state, limits, supported):
         at = np.uint64(np.int64(events.p[i]) * size + y * stride + x)
         above, mid, below = at, at + np.uint64(stride), at + np.uint64(2 * stride)
         one, two = np.uint64(1), np.uint64(2)
-        since, near = t - limits.since_us, t - limits.alone_us
+        since = t - limits.since_us
         a, b, c = last[above], last[above + one], last[above + two]
         d, e = last[mid], last[mid + two]
         f, g, h = last[below], last[below + one], last[below + two]
@@ -85,11 +87,12 @@ def neighbours(events, state, limits, supported):
             + np.int64(d >= since) + np.int64(e >= since)
             + np.int64(f >= since) + np.int64(g >= since) + np.int64(h >= since)
         )  # fmt: skip
-        youngest = max(max(max(a, b), max(c, d)), max(max(e, f), max(g, h)))
-        alone[(y >> BLOCK) * columns + (x >> BLOCK)] += np.int32(youngest < near)
+        if alone is not None:
+            youngest = max(max(max(a, b), max(c, d)), max(max(e, f), max(g, h)))
+            alone[y >> BLOCK, x >> BLOCK] += np.int32(youngest < t - limits.alone_us)
         last[mid + one] = t
         supported[i] = found >= limits.support
-    return flickered
+    return of_hot, flickered
 
 
 @jit
