@@ -1,10 +1,10 @@
 """Loops of the rival model at its most able: a camera that turns unsteadily behind a wrong lens.
 
 The picture of a lens that is known badly is displaced: what is said to come from the bearing m
-comes from m + (z m - e_z) (k0 + k1 q + k2 q^2) + k3 (e_x - x m) + k4 (e_y - y m), with m = (x, y, z)
-and q = 2 (1 - z), near the squared angle from the optical axis.  k0 is an error of the focal length, k1
-and k2 are radial distortion, k3 and k4 an error of the centre.  A turn moves the displaced bearing; what
-is seen of it is that motion, taken back through the displacement.
+comes from m + (z m - e_z) (k0 + k1 q + k2 q^2) + k3 (e_x - x m) + k4 (e_y - y m), with m = (x, y,
+z) and q = 2 (1 - z), near the squared angle from the optical axis.  k0 is an error of the focal
+length, k1 and k2 are radial distortion, k3 and k4 an error of the centre.  A turn moves the
+displaced bearing; what is seen of it is that motion, taken back through the displacement.
 """
 
 import math
