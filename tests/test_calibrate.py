@@ -429,10 +429,22 @@ def test_ctrl_c_ends_with_130_and_a_marked_folder(sweep, tmp_path):
     assert "stopped: interrupted" in (folder / MARKER).read_text()
 
 
-def test_the_demo_finds_the_truth_and_keeps_its_files_if_asked(run, sweep, tmp_path, monkeypatch):
+def test_the_demo_calibrates_the_recording_that_every_installation_has(run, tmp_path):
+    code, out, _ = run("demo", "-o", tmp_path / "o")
+    assert code == 0
+    assert "+0.4550 s: error" in out
+    assert content(tmp_path / "o") == COMPLETE
+    code, _, err = run("demo", "-o", tmp_path / "o", "--recording", tmp_path / "files")
+    assert code == 2
+    assert "add --simulate" in err
+
+
+def test_a_simulated_demo_finds_the_truth_and_keeps_its_files_if_asked(
+    run, sweep, tmp_path, monkeypatch
+):
     """On a small drive; the real one is longer."""
     monkeypatch.setattr(demo, "demo_drive", lambda seed: sweep.drive)
-    words = ("demo", "-o", tmp_path / "o", "--recording", tmp_path / "files")
+    words = ("demo", "--simulate", "-o", tmp_path / "o", "--recording", tmp_path / "files")
     code, out, _ = run(*words)
     assert code == 0
     assert f"{sweep.drive.offset:+.4f} s: error" in out
@@ -441,6 +453,12 @@ def test_the_demo_finds_the_truth_and_keeps_its_files_if_asked(run, sweep, tmp_p
     assert (tmp_path / "files" / "wheels.csv").read_text() == (
         sweep.folder / "wheels.csv"
     ).read_text()
+
+
+def test_warmup_says_what_it_did(run):
+    code, out, _ = run("warmup")
+    assert code == 0
+    assert "Compiled and kept" in out
 
 
 def test_info_and_convert_agree_on_what_a_recording_holds(run, sweep, tmp_path):

@@ -6,13 +6,17 @@ import json
 import tempfile
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from data_tools.cli import _options as common
 from data_tools.cli._calibrate import streams
 from data_tools.cli._options import app
+from evcalib.errors import InputError
+
+if TYPE_CHECKING:
+    from evcalib.pipeline import Truth
 
 Workers = Annotated[int, typer.Option(min=1, help="Processes on this machine.")]
 Scheduler = Annotated[
@@ -25,6 +29,9 @@ def demo(
     output: Annotated[
         Path, typer.Option("-o", "--output", help="Folder for the results; replaced each time.")
     ] = Path("evcalib-demo"),
+    simulate: Annotated[
+        bool, typer.Option("--simulate", help="Simulate a new drive, in place of the one at hand.")
+    ] = False,
     recording: Annotated[
         Path | None,
         typer.Option(help="Keep the simulated files here, to play with evcalib calibrate."),
@@ -32,16 +39,18 @@ def demo(
     seed: Annotated[int, typer.Option(min=0, help="Seed of the simulated drive.")] = 1,
     as_json: common.Json = False,
 ) -> None:
-    """Calibrate a simulated recording, from raw events to report, and compare with the truth."""
+    """Calibrate a small recording, from raw events to report, and compare with the truth."""
     from data_tools.runs.calibrate import run_files
-    from data_tools.runs.demo import against_truth, demo_drive, write_demo
-    from evcalib.pipeline import Truth
+    from data_tools.runs.demo import against_truth
 
-    drive = demo_drive(seed)
+    if recording is not None and not simulate:
+        raise InputError("--recording keeps the files of a new drive: add --simulate")
     with ExitStack() as stack:
-        home = recording or Path(stack.enter_context(tempfile.TemporaryDirectory()))
-        common.note("simulating ...")
-        files = write_demo(home, drive)
+        if simulate:
+            home = recording or Path(stack.enter_context(tempfile.TemporaryDirectory()))
+            files, truth = _new_drive(home, seed)
+        else:
+            files, truth = _shipped_drive()
         run = run_files(
             files["recording"],
             files["camera"],
@@ -51,13 +60,38 @@ def demo(
             overwrite=True,
             command=common.command_line(),
             on_stage=lambda name: common.note(f"{name} ..."),
-            truth=Truth(drive.R_body_cam, drive.offset),
+            truth=truth,
         )
     common.print_calibration(run.calibration, as_json)
     if not as_json:
-        print(against_truth(run.calibration, drive))
+        print(against_truth(run.calibration, truth))
         print(f"\nWritten to {output}: calibration.yaml, report.html and the data behind them.")
     common.exit_by(run.calibration)
+
+
+def _new_drive(home: Path, seed: int) -> tuple[dict[str, Path], Truth]:
+    from data_tools.runs.demo import demo_drive, write_demo
+    from evcalib.pipeline import Truth
+
+    common.note("simulating ...")
+    drive = demo_drive(seed)
+    return write_demo(home, drive), Truth(drive.R_body_cam, drive.offset)
+
+
+def _shipped_drive() -> tuple[dict[str, Path], Truth]:
+    """Return the files of the sweep that notebook 0 looks at, which every installation has."""
+    from data_tools.course import home_of_notebooks
+    from data_tools.runs.export import read_calibration
+    from evcalib.pipeline import Truth
+
+    home = home_of_notebooks()[0] / "data" / "sweep"
+    names = ("events.h5", "calib.txt", "wheels.csv", "vehicle.yaml")
+    files = {
+        role: home / name
+        for role, name in zip(("recording", "camera", "wheels", "vehicle"), names, strict=True)
+    }
+    true = read_calibration(home / "truth.yaml")
+    return files, Truth(true.R_body_cam, true.offset)
 
 
 @app.command()

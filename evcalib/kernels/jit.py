@@ -8,8 +8,10 @@ from typing import Any
 import numba
 
 from evcalib.kernels.cache import find_cache
+from evcalib.kernels.compiling import show_compilation
 
 find_cache()
+show_compilation()
 
 
 def jit(function: Callable[..., Any]) -> Callable[..., Any]:
