@@ -11,6 +11,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import signal
+from scipy.spatial.transform import Rotation
 
 from data_tools.simulation.drives import Drive
 from data_tools.simulation.random_drives import wobble
@@ -78,6 +80,11 @@ class Fault:
         Focal length as told, over the true one.
     centre : tuple of float
         Principal point as told less the true one [px].
+    tilt : float
+        The body leans back by so much when it speeds up [rad per m/s^2], and over when it is pushed
+        aside: a spring of 2 Hz with a damping of 0.4, as small robots have.
+    vibration : float
+        The body shakes about all axes by so much, rms per axis [rad], at 5 to 20 Hz.
     """
 
     drift: float = 0.0
@@ -93,6 +100,8 @@ class Fault:
     lever: tuple[float, float, float] = (0.0, 0.0, 0.0)
     focal: float = 1.0
     centre: tuple[float, float] = (0.0, 0.0)
+    tilt: float = 0.0
+    vibration: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,7 +229,7 @@ def sight(
     """
     if fault.yaw:
         drive = replace(drive, yaw_rate=wobble(rng, fault.yaw))
-    path = Trajectory.of_drive(drive)
+    path = _shaken(Trajectory.of_drive(drive), drive, fault, rng)
     t = np.arange(np.ceil(max(-offset, 0.0) * RATE), (drive.duration - offset) * RATE) / RATE
     t = t[outside(t, corners.gaps)]
     body = t + offset + _clock_error(fault, t, rng)
@@ -242,6 +251,30 @@ def sight(
         false=corners.false,
         seed=int(rng.integers(1 << 31)),
     )
+
+
+TILT_RATE, TILT_DAMPING = 2.0, 0.4
+"""Natural frequency [Hz] and damping of a body on its springs."""
+
+
+def _shaken(path: Trajectory, drive: Drive, fault: Fault, rng: np.random.Generator) -> Trajectory:
+    """Return the path of a body that tilts with its acceleration, and vibrates."""
+    if not fault.tilt and not fault.vibration:
+        return path
+    t, h = path.t, 1e-3
+    ends = np.clip(t - h, 0.0, drive.duration), np.clip(t + h, 0.0, drive.duration)
+    push = (drive.velocity(ends[1]) - drive.velocity(ends[0])) / (ends[1] - ends[0])[:, None]
+    w = 2 * np.pi * TILT_RATE
+    spring = signal.TransferFunction([w**2], [1.0, 2 * TILT_DAMPING * w, w**2])
+    # Leaning back is a negative turn about Y (left), leaning to the right a positive one about X.
+    lean = [signal.lsim(spring, fault.tilt * a, t)[1] for a in (push[:, 1], -push[:, 0])]
+    turn = np.stack([*lean, np.zeros(t.size)], axis=1)
+    waves = 8
+    rate, phase = rng.uniform(5.0, 20.0, (waves, 3)), rng.uniform(0, 2 * np.pi, (waves, 3))
+    shake = np.cos(2 * np.pi * rate * t[:, None, None] + phase).sum(axis=1)
+    turn += fault.vibration * np.sqrt(2.0 / waves) * shake
+    assert path.rotation is not None
+    return replace(path, rotation=path.rotation @ Rotation.from_rotvec(turn).as_matrix())
 
 
 def _clock_error(fault: Fault, t: Floats, rng: np.random.Generator) -> Floats:

@@ -31,11 +31,17 @@ from evcalib.kinematics._vehicles import (
     Vehicle,
     Wheel,
 )
-from evcalib.kinematics._velocities import REFUSE_SLIP, BodyVelocities, body_velocities
+from evcalib.kinematics._velocities import (
+    REFUSE_SLIP,
+    WARN_SLIP,
+    BodyVelocities,
+    body_velocities,
+)
 
 __all__ = [
     "MAX_REACH",
     "REFUSE_SLIP",
+    "WARN_SLIP",
     "BodyTwist",
     "BodyVelocities",
     "Mecanum",

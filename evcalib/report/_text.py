@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from evcalib.alignment import Calibration
+from evcalib.alignment.verdict import PIXEL_DELAY
 from evcalib.arrays import Floats
 from evcalib.geometry import (
     camera_looks,
@@ -70,7 +71,7 @@ def next_steps(run: CalibrationRun) -> list[str]:
 
 def cautions(run: CalibrationRun) -> list[str]:
     """Return what in the data deserves a look."""
-    notes = []
+    notes, calibration = [], run.calibration
     found, reasons = run.estimate.found, run.gap_reasons
     if found < FEW_HEADINGS and reasons:
         notes.append(
@@ -83,6 +84,8 @@ def cautions(run: CalibrationRun) -> list[str]:
             f"{100 * gating.removed / gating.rows:.0f} % of the wheel rows were left out, for slip"
             " or turning."
         )
+    if calibration.offset_observable:
+        notes.append(PIXEL_DELAY)
     lost = [f"{count:,} {what}" for what, count in run.losses.items() if count]
     if lost:
         notes.append(f"Part of the recording could not be used: {', '.join(lost)}.")
@@ -100,7 +103,7 @@ def numbers(run: CalibrationRun) -> list[Row]:
     else:
         offset = f"not determined; plausible from {low:+.2f} to {high:+.2f} s"
     rotation = (
-        f"error within {degrees(calibration.rotation_radius)} deg (95 %);"
+        f"error within {degrees(calibration.rotation_radius)} deg (95 %{_parts(calibration)});"
         f" sd about body x, y, z: {', '.join(sd)} deg"
     )
     if not calibration.rotation_observable:
@@ -202,8 +205,15 @@ def _rotation_sentence(calibration: Calibration) -> str:
         return "The rotation below is only the best of many that the data cannot tell apart."
     return (
         f"The camera looks {camera_looks(calibration.R_body_cam)}. With 95 % probability this"
-        f" rotation is off by less than {degrees(calibration.rotation_radius)} deg."
+        f" rotation is off by less than {degrees(calibration.rotation_radius)} deg"
+        f"{_parts(calibration)}."
     )
+
+
+def _parts(calibration: Calibration) -> str:
+    """Return what of the rotation's radius is data and what is odometry, if both are."""
+    parts = calibration.radius_parts
+    return f": {parts}" if parts else ""
 
 
 def _listed(values: Floats, digits: int) -> str:

@@ -110,8 +110,7 @@ def turning_correlation(at, rate, half, offsets, track, limits):
 
 
 class Peak(NamedTuple):
-    """The best offset: scores (n,), negative where not usable, and directions (n, 3) as the camera
-    would see them under the best rotation."""
+    """At the best offset: scores (n,), negative where not usable; directions (n, 3), as seen."""
 
     scores: np.ndarray
     directions: np.ndarray
