@@ -120,6 +120,10 @@ class Agreement(Shown):
         return tuple(said)
 
 
+NOT_COMPARED = Agreement(0.0, float("nan"), 0.0, float("nan"))
+"""Where the headings agree with nothing: what they give then is no answer to compare with."""
+
+
 def strain(joint: JointRefinement, agreement: Agreement, turning: float) -> float:
     """Return how much all checks of the model say against it together, as a chi-square.
 
