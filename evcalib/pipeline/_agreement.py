@@ -62,7 +62,7 @@ class Agreement(Shown):
     @classmethod
     def of(
         cls,
-        R_body_cam: Floats,
+        R_body_cam: Floats | None,
         covariance: Floats,
         joint: JointRefinement,
         spread: DirectionSpread,
@@ -73,7 +73,8 @@ class Agreement(Shown):
         Parameters
         ----------
         R_body_cam, covariance : ndarray, shape (3, 3)
-            Rotation of the headings at the refinement's offset, and its covariance [rad^2].
+            Rotation of the headings at the refinement's offset, and its covariance [rad^2]; None
+            where they agree with nothing there, so that there is nothing to compare.
         joint : JointRefinement
             The refinement.
         spread : DirectionSpread
@@ -82,7 +83,9 @@ class Agreement(Shown):
         aligned : Calibration, optional
             With the offset of the headings; None where it was given to the refinement.
         """
-        apart = rotation_vector(R_body_cam @ joint.R_body_cam.T)
+        apart = np.zeros(3)
+        if R_body_cam is not None:
+            apart = rotation_vector(R_body_cam @ joint.R_body_cam.T)
         along = np.outer(spread.axis, spread.axis)
         lever = 1.0 / max(spread.spread, 1e-3)
         shared = HEADING_BIAS**2 * (np.eye(3) - along + lever**2 * along)
@@ -118,10 +121,6 @@ class Agreement(Shown):
                 f" {1e3 * abs(self.offset_apart):.0f} ms apart, beyond the error bars of both."
             )
         return tuple(said)
-
-
-NOT_COMPARED = Agreement(0.0, float("nan"), 0.0, float("nan"))
-"""Where the headings agree with nothing: what they give then is no answer to compare with."""
 
 
 def strain(joint: JointRefinement, agreement: Agreement, turning: float) -> float:

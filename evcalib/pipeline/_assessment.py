@@ -26,7 +26,7 @@ from evcalib.alignment.verdict import CONTRADICTED, Verdict, judge
 from evcalib.arrays import Floats
 from evcalib.joint import SURE, JointRefinement
 from evcalib.kinematics.velocity_track import VelocityTrack
-from evcalib.pipeline._agreement import NOT_COMPARED, STRAINED, Agreement, strain
+from evcalib.pipeline._agreement import STRAINED, Agreement, strain
 from evcalib.series import HeadingSeries
 from evcalib.uncertainty import UNKNOWN, rotation_sd, t_quantile
 
@@ -125,10 +125,9 @@ def finish(
     unknown = unknown_axis(covariance, spread)
     if unknown is not None:
         covariance = covariance + UNKNOWN * np.outer(unknown, unknown)
-    agreement = NOT_COMPARED
-    if solution.agrees:
-        given_offset = solution.covariance.rotation_given_offset
-        agreement = Agreement.of(solution.R, given_offset, joint, spread, aligned)
+    seen = solution.R if solution.agrees else None
+    given_offset = solution.covariance.rotation_given_offset
+    agreement = Agreement.of(seen, given_offset, joint, spread, aligned)
     # Turns that the odometry tells move a camera as the headings' alignment does not count.
     backed = solution.agrees or joint.inlier_share >= MAJORITY
     believed = backed and not agreement.gross
@@ -250,11 +249,9 @@ def keep(
     if np.trace(joint.covariance[:3, :3]) > np.trace(covariance):
         covariance, samples = joint.covariance[:3, :3], joint.samples
     rotation = RotationAnswer(joint.R_body_cam, covariance, samples)
-    agreement = NOT_COMPARED
-    if aligned.diagnostics.agrees:
-        agreement = Agreement.of(
-            aligned.R_body_cam, aligned.rotation_covariance, joint, aligned.diagnostics.spread
-        )
+    before = aligned.diagnostics
+    seen = aligned.R_body_cam if before.agrees else None
+    agreement = Agreement.of(seen, aligned.rotation_covariance, joint, before.spread)
     verdict, contradicted = aligned.verdict, {}
     if agreement.gross:
         verdict = Verdict(CONTRADICTED, verdict.reasons, ())
