@@ -103,7 +103,9 @@ def calibrate(
     Of errors of the model the verdict tells (its `doubts`): clocks that drift apart, a body that
     turns and does not say so, and directions of travel that no rotation brings together, as a wrong
     focal length, principal point or sideways slip makes them.  A camera that only translates within
-    a plane shows no more than that of its intrinsics.  The rest is absorbed: a turn of all
+    a plane shows no more than that of its intrinsics; what shows of such directions widens the
+    rotation's error bar.  It tells too where headings and tracks give different answers, and where
+    all checks together speak against the model.  The rest is absorbed: a turn of all
     velocities (a steering zero) turns the rotation by as much; a principal point that is off by d
     pixels, by up to d / focal radians; 1 % of focal length or of sideways slip, by up to 0.29
     degrees; a delay of the odometry's times, also of times cut to whole multiples, is part of the
