@@ -71,7 +71,7 @@ def next_steps(run: CalibrationRun) -> list[str]:
 
 def cautions(run: CalibrationRun) -> list[str]:
     """Return what in the data deserves a look."""
-    notes, calibration = [], run.calibration
+    notes = []
     found, reasons = run.estimate.found, run.gap_reasons
     if found < FEW_HEADINGS and reasons:
         notes.append(
@@ -84,8 +84,6 @@ def cautions(run: CalibrationRun) -> list[str]:
             f"{100 * gating.removed / gating.rows:.0f} % of the wheel rows were left out, for slip"
             " or turning."
         )
-    if calibration.offset_observable:
-        notes.append(PIXEL_DELAY)
     lost = [f"{count:,} {what}" for what, count in run.losses.items() if count]
     if lost:
         notes.append(f"Part of the recording could not be used: {', '.join(lost)}.")
@@ -196,7 +194,7 @@ def _offset_sentence(calibration: Calibration) -> str:
     return (
         f"The vehicle's clock is {abs(calibration.offset):.4f} s {order} the camera's:"
         f" t_body = t_cam {sign} {abs(calibration.offset):.4f} s, with 95 % probability between"
-        f" {low:+.4f} and {high:+.4f} s."
+        f" {low:+.4f} and {high:+.4f} s. {PIXEL_DELAY}"
     )
 
 
