@@ -8,11 +8,11 @@ calibrations can be judged, also with models that are wrong on purpose (`Fault`)
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import signal
-from scipy.spatial.transform import Rotation
+from scipy.signal import lsim
 
 from data_tools.simulation.drives import Drive
 from data_tools.simulation.random_drives import wobble
@@ -51,6 +51,12 @@ GATHERED = 0.06
 
 WHEEL_RATE = 50.0
 
+SUSPENSION = 2.0, 0.4
+"""Frequency [Hz] and damping of a body on its wheels."""
+
+VIBRATION = 5.0, 15.0
+"""Band of the vibration [Hz]."""
+
 
 @dataclass(frozen=True)
 class Fault:
@@ -81,10 +87,10 @@ class Fault:
     centre : tuple of float
         Principal point as told less the true one [px].
     tilt : float
-        The body leans back by so much when it speeds up [rad per m/s^2], and over when it is pushed
-        aside: a spring of 2 Hz with a damping of 0.4, as small robots have.
+        The body pitches and rolls by so much per acceleration [rad per m/s^2], after a swing: nose
+        up when it speeds up, out of a curve.
     vibration : float
-        The body shakes about all axes by so much, rms per axis [rad], at 5 to 20 Hz.
+        The body turns to and fro about three axes, each by so much, rms [rad].
     """
 
     drift: float = 0.0
@@ -229,12 +235,13 @@ def sight(
     """
     if fault.yaw:
         drive = replace(drive, yaw_rate=wobble(rng, fault.yaw))
-    path = _shaken(Trajectory.of_drive(drive), drive, fault, rng)
+    path = Trajectory.of_drive(drive)
     t = np.arange(np.ceil(max(-offset, 0.0) * RATE), (drive.duration - offset) * RATE) / RATE
     t = t[outside(t, corners.gaps)]
     body = t + offset + _clock_error(fault, t, rng)
     t, body = (some[(body >= 0) & (body <= drive.duration)] for some in (t, body))
-    made = sighted(path, rng, camera, R_body_cam, corners, fault.lever, t, body)
+    shake = _shake(drive, rng, fault)
+    made = sighted(path, rng, camera, R_body_cam, corners, fault.lever, shake, t, body)
     told = replace(
         camera,
         fx=camera.fx * fault.focal,
@@ -253,28 +260,21 @@ def sight(
     )
 
 
-TILT_RATE, TILT_DAMPING = 2.0, 0.4
-"""Natural frequency [Hz] and damping of a body on its springs."""
-
-
-def _shaken(path: Trajectory, drive: Drive, fault: Fault, rng: np.random.Generator) -> Trajectory:
-    """Return the path of a body that tilts with its acceleration, and vibrates."""
-    if not fault.tilt and not fault.vibration:
-        return path
-    t, h = path.t, 1e-3
-    ends = np.clip(t - h, 0.0, drive.duration), np.clip(t + h, 0.0, drive.duration)
-    push = (drive.velocity(ends[1]) - drive.velocity(ends[0])) / (ends[1] - ends[0])[:, None]
-    w = 2 * np.pi * TILT_RATE
-    spring = signal.TransferFunction([w**2], [1.0, 2 * TILT_DAMPING * w, w**2])
-    # Leaning back is a negative turn about Y (left), leaning to the right a positive one about X.
-    lean = [signal.lsim(spring, fault.tilt * a, t)[1] for a in (push[:, 1], -push[:, 0])]
-    turn = np.stack([*lean, np.zeros(t.size)], axis=1)
-    waves = 8
-    rate, phase = rng.uniform(5.0, 20.0, (waves, 3)), rng.uniform(0, 2 * np.pi, (waves, 3))
-    shake = np.cos(2 * np.pi * rate * t[:, None, None] + phase).sum(axis=1)
-    turn += fault.vibration * np.sqrt(2.0 / waves) * shake
-    assert path.rotation is not None
-    return replace(path, rotation=path.rotation @ Rotation.from_rotvec(turn).as_matrix())
+def _shake(drive: Drive, rng: np.random.Generator, fault: Fault) -> Callable[[Floats], Floats]:
+    """Return by what the body is turned beyond its drive, as rotation vectors [rad] of times."""
+    t = np.arange(0.0, drive.duration + 0.05, 0.002)
+    turned = np.zeros((t.size, 3))
+    if fault.tilt:
+        v, rate = drive.velocity(t), 2 * np.pi * SUSPENSION[0]
+        ahead, left = np.gradient(v[:, :2], t, axis=0).T + drive.yaw_rate(t) * [-v[:, 1], v[:, 0]]
+        swing = [rate**2], [1.0, 2 * SUSPENSION[1] * rate, rate**2]
+        for axis, pull in ((0, left), (1, -ahead)):
+            turned[:, axis] = fault.tilt * lsim(swing, pull, t)[1]
+    if fault.vibration:
+        rates, phase = 2 * np.pi * rng.uniform(*VIBRATION, (20, 3)), rng.uniform(0, 7, (20, 3))
+        waves = np.cos(rates * t[:, None, None] + phase).sum(axis=1)
+        turned += fault.vibration * np.sqrt(2.0 / 20) * waves
+    return lambda when: np.stack([np.interp(when, t, axis) for axis in turned.T], axis=1)
 
 
 def _clock_error(fault: Fault, t: Floats, rng: np.random.Generator) -> Floats:
