@@ -94,6 +94,7 @@ def fit(
     rows = np.ones(len(matches), dtype=np.bool_)
     if options.solver == "five_point":
         rows = _one_pair(matches)
+    asked = rows.sum()
     translation = _solve(matches, rows, options, focal)
     if translation is None:
         return DISAGREE
@@ -103,6 +104,8 @@ def fit(
         translation = _solve(matches, rows, options, focal)
         if translation is None:
             return DISAGREE
+    if translation.inliers.sum() < SHARE * asked:
+        return DISAGREE
     reason = _objection(matches, rows, translation, options, focal)
     if reason is None and size is not None and _spread(matches, rows, translation, size) < SPREAD:
         reason = ONE_PLACE
@@ -169,8 +172,6 @@ def _objection(
     cell = matches.groups[rows]
     if inliers.sum() < options.min_inliers or np.count_nonzero(np.bincount(cell[inliers])) < CELLS:
         return TOO_FEW
-    if inliers.sum() < SHARE * len(matches):
-        return DISAGREE
     if _moving_back(matches, rows, translation, options.threshold / focal) > BACK:
         return TO_AND_FRO
     if _turned(matches, rows, translation, options.seed, FLOOR_PX / focal):
