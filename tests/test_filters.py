@@ -10,6 +10,9 @@ from hypothesis import strategies as st
 
 import evcalib
 from data_tools.recordings import open_recording
+from data_tools.simulation.recorded_drive import CAMERA
+from data_tools.simulation.sensor import Sensor
+from data_tools.simulation.simulator import simulate_translation
 from evcalib import Events, InputError
 from evcalib.filters import Denoiser, denoise
 from evcalib.filters import _denoiser as filters
@@ -224,6 +227,20 @@ def test_whole_milliseconds_are_no_flicker():
     denoiser = Denoiser(WIDTH, HEIGHT)
     denoiser.update(cut)
     assert denoiser.noise.lamps == 0
+
+
+def test_headings_are_found_in_spite_of_noise():
+    """Noise of 5 Hz per pixel, on events of a camera that moves to the right and ahead."""
+    direction = np.array([0.8, 0.0, 0.6])
+    sensor = Sensor(noise_rate=5.0)
+    events = simulate_translation(direction, 0.5, 1.5, CAMERA, seed=8, sensor=sensor).events
+    without = evcalib.estimate_headings(events, CAMERA, denoise=False)
+    found = evcalib.estimate_headings(events, CAMERA)
+    assert without.noise is None
+    assert len(found.headings) > len(without.headings) + 5
+    assert found.counts.noise == found.noise.events - found.noise.kept > 0.1 * len(events)
+    apart = np.degrees(np.arccos(np.clip(found.headings.v @ direction, -1, 1)))
+    assert np.median(apart) < 1.0
 
 
 REAL = {

@@ -280,6 +280,15 @@ def denoise(
     ------
     InputError
         If an option is unusable.
+
+    Examples
+    --------
+    Three pixels side by side fire at once; the fourth event is alone.
+
+    >>> events = Events(x=[3, 4, 5, 9], y=[2, 2, 2, 2], t=[0, 10, 20, 30], p=[1] * 4,
+    ...                 width=12, height=5)
+    >>> denoise(events, support=1, within=0.005).x.tolist()
+    [4, 5]
     """
     checks.instance(events, "events", Events)
     chosen = Denoiser(events.width, events.height, support=support, share=share, within=within)
