@@ -35,13 +35,14 @@ A choice, for a sentence alone: turns between straight parts stay below it, wron
 MUCH_NOISE = 2.5
 """Noise [Hz per pixel] from which on the report says that it may delay slow edges.
 
-Found on simulated sweeps: with 3 and 5 Hz the offset came out 9 and 16 ms early at 0.2 m/s, 1 and
+Found on two simulated sweeps: with 3 and 5 Hz the offset came out 9 and 16 ms early at 0.2 m/s, 1 and
 4 ms at 0.5 m/s; without noise 2 and 1 ms.
 """
 
 PIXEL_DELAY = (
-    "The delay of the camera's own pixels, about 2 ms in bright light (200 Hz) to 22 ms in dim light"
-    " (20 Hz), is part of the offset and cannot be told from it; the stated error does not hold it."
+    "The delay of the camera's own pixels, about 2 ms in bright light (200 Hz) to 22 ms in dim"
+    " light (20 Hz), is part of the offset and cannot be told from it; the stated error does not"
+    " hold it."
 )
 
 
@@ -106,9 +107,9 @@ def cautions(run: CalibrationRun) -> list[str]:
     noise = run.estimate.noise
     if noise is not None and noise.rate >= MUCH_NOISE:
         notes.append(
-            f"The sensor makes up to {noise.rate:.1f} events of noise per second and pixel. Most are"
-            " left out, but they delay the events of slow edges: at 0.2 m/s by some 10 ms, which the"
-            " stated error of the offset does not hold."
+            f"The sensor makes up to {noise.rate:.1f} events of noise per second and pixel. Most"
+            " are left out, but they delay the events of slow edges: at 0.2 m/s by some 10 ms,"
+            " which the stated error of the offset does not hold."
         )
     return notes
 
