@@ -35,8 +35,8 @@ A choice, for a sentence alone: turns between straight parts stay below it, wron
 MUCH_NOISE = 2.5
 """Noise [Hz per pixel] from which on the report says that it may delay slow edges.
 
-Found on two simulated sweeps: with 3 and 5 Hz the offset came out 9 and 16 ms early at 0.2 m/s, 1 and
-4 ms at 0.5 m/s; without noise 2 and 1 ms.
+Found on two simulated sweeps: with 3 and 5 Hz the offset came out 9 and 16 ms early at 0.2 m/s,
+1 and 4 ms at 0.5 m/s; without noise 2 and 1 ms.
 """
 
 PIXEL_DELAY = (
