@@ -9,10 +9,16 @@ from shaken import calibrated, estimate_of, shaken_drive
 from data_tools.simulation.random_drives import RECORDED, wobble
 from evcalib.camera import Camera
 from evcalib.errors import InputError
-from evcalib.geometry import LOOKS_FORWARD, rotation_angle, rotation_vector_to_matrix, rpy_to_matrix
+from evcalib.geometry import (
+    LOOKS_FORWARD,
+    angle_between,
+    rotation_angle,
+    rotation_vector_to_matrix,
+    rpy_to_matrix,
+)
 from evcalib.heading.gyro import as_seen, gyro_error, restabilised
 from evcalib.imu import ImuSeries, attitude_of
-from evcalib.pipeline._gyro import gyro_of
+from evcalib.pipeline._gyro import against_events, gyro_of
 
 CAMERA = Camera(240, 180, fx=200.0, fy=200.0, cx=119.5, cy=89.5)
 
@@ -41,23 +47,31 @@ def test_tilt_and_vibration_do_no_harm(kind, more):
     assert np.degrees(np.linalg.norm(gyro.bias - bias)) < 0.3
 
 
-def test_a_gyro_that_is_turned_is_told_corrected_or_refused():
-    """Turned by 10 degrees: told.  To be found: corrected.  In another axis: refused."""
-    small = rotation_vector_to_matrix(np.radians([0.0, 10.0, 0.0]))
-    drive, imu, truth = drive_of(12, yaw=0.8, R_cam_imu=small)
+def test_a_gyro_that_is_turned_is_told_or_corrected():
+    """Turned by 10 degrees about the optical axis, on a vehicle that yaws.
+
+    How it is turned about the axis of the yaw does not show; where that axis lies in the camera
+    must come out right.
+    """
+    small = rotation_vector_to_matrix(np.radians([0.0, 0.0, 10.0]))
+    drive, imu, (R, _, bias) = drive_of(12, yaw=0.8, R_cam_imu=small)
     first = gyro_of(imu, None, drive.velocities, 1.0)
     estimate = estimate_of(drive, first.attitude)
-    error = gyro_error(estimate, first.attitude)
-    assert error.angle_sd < np.radians(3.0)
-    off = rotation_angle(rotation_vector_to_matrix(error.turn), small)
-    assert off < max(4 * error.angle_sd, np.radians(1.5))
-    from evcalib.pipeline._gyro import against_events
+    up = R.T @ [0.0, 0.0, 1.0]
 
+    def off(R_cam_imu):
+        return np.degrees(angle_between(R_cam_imu @ small.T @ up, up))
+
+    assert off(np.eye(3)) > 8
+    error = gyro_error(estimate, first.attitude)
+    assert np.isfinite(error.angle_sd)
+    assert error.angle < np.radians(15)
+    assert off(rotation_vector_to_matrix(error.seen)) < 2
     told, _ = against_events(first, imu, estimate, turn=False)
     assert "--imu-rotation estimate" in " ".join(told.notes)
     mended, _ = against_events(first, imu, estimate, turn=True)
-    assert rotation_angle(mended.R_cam_imu, small) < np.radians(2.0)
-    assert np.degrees(np.linalg.norm(mended.bias - truth[2])) < 1.0
+    assert off(mended.R_cam_imu) < 2
+    assert np.degrees(np.linalg.norm(mended.bias - bias)) < 1.0
 
 
 def test_a_gyro_in_degrees_is_refused():

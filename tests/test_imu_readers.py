@@ -276,7 +276,7 @@ def test_how_an_imu_is_turned():
     assert rotation_of(None) is None
     assert rotation_of("estimate") == "estimate"
     for bad in ("-x,y,z", "x,x,z", "1,2,3", "up", "1,0,0,0,1,0,0,0,2"):
-        with pytest.raises(InputError, match="IMU is turned|no rotation"):
+        with pytest.raises(InputError, match=r"IMU is turned|no rotation"):
             rotation_of(bad)
 
 

@@ -41,6 +41,10 @@ LEFT = np.radians(0.2)
 body that tilts with its acceleration.  Drives that tilt by 1 deg per m/s^2, and turn by 0.7 deg
 between matches, showed turns of 2 to 14 deg that are not there (`tests/test_gyro.py`)."""
 
+TOLD = np.radians(3.0)
+"""Standard deviation [rad] below which the turn about an axis is told.  A choice: a gyro is mounted
+by hand to a degree or two."""
+
 TURN_SD = 1.0
 """Prior standard deviation [rad] of the turn of the gyro against what was given: none, but that
 it stays finite where the camera does not turn."""
@@ -79,17 +83,33 @@ class GyroError(Shown):
         return float(np.sqrt(np.diag(self.covariance)[:3].max()))
 
     @property
+    def _known(self) -> tuple[Floats, Floats]:
+        """Axes (k, 3) about which the turn is known, and its standard deviations [rad] there."""
+        left = (LEFT / max(self.turning, 1e-9)) ** 2
+        variance, axes = np.linalg.eigh(self.covariance[3:, 3:] + left * np.eye(3))
+        known = variance < TOLD**2
+        return axes.T[known], np.sqrt(variance[known])
+
+    @property
+    def seen(self) -> Floats:
+        """What is known of the turn [rad], shape (3,).
+
+        A camera that turns about one axis only, as on a vehicle that yaws, does not show how its
+        gyro is turned about that axis: that part is left out.
+        """
+        axes, _ = self._known
+        return axes.T @ (axes @ self.turn)
+
+    @property
     def angle(self) -> float:
-        """Size of the turn [rad]."""
-        return float(np.linalg.norm(self.turn))
+        """Size of what is known of the turn [rad]."""
+        return float(np.linalg.norm(self.seen))
 
     @property
     def angle_sd(self) -> float:
-        """Standard deviation of the turn in its own direction [rad], `LEFT` included."""
-        along = self.turn / max(self.angle, 1e-12)
-        part = self.covariance[3:, 3:]
-        own = float(along @ part @ along) if self.angle else float(np.trace(part) / 3)
-        return float(np.hypot(np.sqrt(own), LEFT / max(self.turning, 1e-9)))
+        """Standard deviation of that, about the worst known axis [rad]; inf if none is known."""
+        _, sd = self._known
+        return float(sd.max()) if sd.size else np.inf
 
 
 def gyro_error(
@@ -201,7 +221,7 @@ def _step(
         """Return the sums of columns per heading, weighted."""
         flat = (columns * weight.reshape(-1, *[1] * (columns.ndim - 1))).reshape(len(columns), -1)
         sums = np.stack([np.bincount(pairs.heading, c, count) for c in flat.T], axis=1)
-        return sums.reshape(count, *columns.shape[1:])
+        return np.asarray(sums, dtype=np.float64).reshape(count, *columns.shape[1:])
 
     block = summed(own[:, :, None] * own[:, None, :]) + 1e-12 * np.eye(2)
     cross = summed(own[:, :, None] * shared[:, None, :])
@@ -262,7 +282,7 @@ def shared_turn(found: Correspondences, focal: float, seed: int = 0) -> Floats |
     squared_residuals(half, pairs, squares)
     share = float(np.mean(squares < (AGREE_PX / focal) ** 2))
     # Bearings turn against the camera; rates that are too great turn them back too far.
-    bias: Floats = 2.0 * half
+    bias = 2.0 * np.asarray(half, dtype=np.float64)
     if share < COMMON or np.linalg.norm(bias) > LARGEST_BIAS:
         return None
     return bias
@@ -304,9 +324,11 @@ def corrected(
         return attitude_of(imu, R, R.T @ alone), f"gyro: bias of {in_degrees(R.T @ alone)} deg/s"
     bias, note = R.T @ error.bias, ""
     if turn:
-        R = rotation_vector_to_matrix(error.turn) @ R
-        off, sd = np.degrees([error.angle, error.angle_sd])
-        note = f"; turned by {off:.1f} deg (+-{sd:.1f}) against what was given"
+        R = rotation_vector_to_matrix(error.seen) @ R
+        note = "; the camera turns too little to tell how it is turned"
+        if np.isfinite(error.angle_sd):
+            off, sd = np.degrees([error.angle, error.angle_sd])
+            note = f"; turned by {off:.1f} deg (+-{sd:.1f}) against what was given"
     return attitude_of(imu, R, bias), f"gyro: bias of {in_degrees(bias)} deg/s, by the events{note}"
 
 

@@ -139,7 +139,7 @@ def against_events(
     error = gyro_error(estimate, gyro.attitude, bias_sd=bias_sd)
     if error is None:
         return gyro, estimate
-    told = error.angle_sd < TURNED
+    told = bool(np.isfinite(error.angle_sd))
     off = f"{np.degrees(error.angle):.1f} deg (+-{np.degrees(error.angle_sd):.1f})"
     notes, small = [], np.zeros(3)
     if turn and not told:
@@ -147,7 +147,7 @@ def against_events(
             f"the camera turns too little to tell how the gyro is turned against it ({off})"
         )
     elif turn:
-        small = error.turn
+        small = error.seen
         notes.append(
             f"the gyro is turned by {off} against what was given, by the events: corrected"
         )
