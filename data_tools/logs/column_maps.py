@@ -68,6 +68,7 @@ _KINDS = {
 _PLAIN = {"t": "time", "yaw_rate": "turning rate"} | dict.fromkeys(("vx", "vy", "vz"), "velocity")
 _PLAIN |= dict.fromkeys(("wx", "wy", "wz"), "turning rate")
 _PLAIN |= dict.fromkeys(("ax", "ay", "az"), "acceleration")
+_NAMES = "vx, vy, vz, yaw_rate, wx, wy, wz, ax, ay, az"
 _OURS = {"time": "s", "wheel speed": "m/s", "angle": "rad", "velocity": "m/s"}
 _OURS |= {"turning rate": "rad/s", "acceleration": "m/s^2"}
 
@@ -349,7 +350,7 @@ def _kind(name: Any) -> str:
     if text in _PLAIN:
         return _PLAIN[text]
     raise InputError(
-        f"{text} is none of t, speed_WHEEL, steer_WHEEL, {', '.join(list(_PLAIN)[1:])}: our"
+        f"{text} is none of t, speed_WHEEL, steer_WHEEL, {_NAMES}: our"
         " name comes first, then the column of the file"
     )
 

@@ -34,12 +34,12 @@ SHARED = 0.5
 """Errors of matches go together over so much time [s], a usual track; the error bars count that."""
 
 ROUNDS = 6
-"""Steps of Gauss-Newton; from 20 degrees off the fourth changes nothing any more."""
+"""Steps of Gauss-Newton.  A choice, tried with a gyro that is 10 degrees off."""
 
 LEFT = np.radians(0.2)
 """What else than the gyro's errors may turn matches [rad]: a heading that changes in its window, a
 body that tilts with its acceleration.  Drives that tilt by 1 deg per m/s^2, and turn by 0.7 deg
-between matches, showed turns of 2 to 14 deg that are not there (`tests/test_gyro.py`)."""
+between matches, showed turns of 2 to 14 deg that are not there (four simulated drives)."""
 
 TOLD = np.radians(3.0)
 """Standard deviation [rad] below which the turn about an axis is told.  A choice: a gyro is mounted
@@ -243,8 +243,8 @@ def _step(
 
 
 COMMON = 0.1
-"""Least share of the matches that a turn must explain to be that of the gyro's bias alone: of false
-ones none in a thousand agrees by chance, of a roll before spokes a fifth does."""
+"""Least share of the matches that a turn must explain to be taken for the bias.  A choice: of a
+roll before spokes, where most matches are false, a fifth to a fourth agree."""
 
 LARGEST_BIAS = 0.2
 """Rates [rad/s] above this are no bias: gyros are off by up to 20 deg/s by their data sheets, and

@@ -93,7 +93,8 @@ def calibrate(
         events.
     R_cam_imu : array_like, shape (3, 3), or "estimate", optional
         From the axes of the IMU to those of the camera; the same axes if not given.  Estimated, the
-        events correct it by up to some 30 degrees.
+        events correct small turns of the same axes (tried with 10 degrees), as far as the turning
+        of the camera shows them.
     refinement : {"tracks", "none"}
         Whether to refine; ``none`` is the paper's chain.
     systematic : Systematic
