@@ -48,6 +48,7 @@ def calibrate(
     systematic: Systematic = SYSTEMATIC,
     surface: str = "tos_ts",
     rate: float = 20.0,
+    odometry_sd: float | None = None,
     seed: int = 0,
     on_stage: Callable[[str], object] = lambda name: None,
 ) -> CalibrationRun:
@@ -79,6 +80,9 @@ def calibrate(
         Errors that all observations share; see `evcalib.joint`.
     surface, rate, seed
         See `evcalib.estimate_headings`.
+    odometry_sd : float, optional
+        Standard deviation [rad] of an error that all directions of the odometry share; see
+        `evcalib.align`.
     on_stage : callable
         Called with the name of each stage as it begins.
 
@@ -99,7 +103,9 @@ def calibrate(
     Of errors of the model the verdict tells (its `doubts`): clocks that drift apart, a body that
     turns and does not say so, and directions of travel that no rotation brings together, as a wrong
     focal length, principal point or sideways slip makes them.  A camera that only translates within
-    a plane shows no more than that of its intrinsics.  The rest is absorbed: a turn of all
+    a plane shows no more than that of its intrinsics; what shows of such directions widens the
+    rotation's error bar.  It tells too where headings and tracks give different answers, and where
+    all checks together speak against the model.  The rest is absorbed: a turn of all
     velocities (a steering zero) turns the rotation by as much; a principal point that is off by d
     pixels, by up to d / focal radians; 1 % of focal length or of sideways slip, by up to 0.29
     degrees; a delay of the odometry's times, also of times cut to whole multiples, is part of the
@@ -137,6 +143,7 @@ def calibrate(
         lever=tuple(lever),
         refinement=refinement,
         systematic=systematic,
+        odometry_sd=odometry_sd,
         seed=seed,
         stage=lambda name: _stage(name, on_stage, timings),
     )
@@ -147,6 +154,7 @@ def calibrate(
         "systematic": asdict(systematic),
         "surface": surface,
         "rate": float(rate),
+        "odometry_sd": odometry_sd,
     }
     return CalibrationRun(
         calibration=final,
@@ -170,6 +178,7 @@ def calibrate_estimate(
     lever: tuple[float, ...] = (0.0, 0.0, 0.0),
     refinement: str = "tracks",
     systematic: Systematic = SYSTEMATIC,
+    odometry_sd: float | None = None,
     seed: int = 0,
     stage: Callable[[str], AbstractContextManager[None]] = lambda name: nullcontext(),
 ) -> RefinedCalibration:
@@ -189,7 +198,7 @@ def calibrate_estimate(
         Position of the camera in the body frame [m].
     stage : callable
         Context in which each stage runs, given its name.
-    max_offset, offset, refinement, systematic, seed
+    max_offset, offset, refinement, systematic, odometry_sd, seed
         See `calibrate`.
 
     Returns
@@ -198,16 +207,19 @@ def calibrate_estimate(
         Also where the motion cannot answer: then it says what is unknown.
     """
     _answerable(estimate)
-    shared, velocities = velocities.direction_sd, replace(velocities, direction_sd=0.0)
+    given = odometry_sd is not None
+    shared = velocities.direction_sd if odometry_sd is None else odometry_sd
+    shared = float(checks.at_least_zero(shared, "odometry_sd"))
+    velocities = replace(velocities, direction_sd=0.0)
     with stage("alignment"):
         aligned = align(
             estimate.headings, velocities, max_offset=max_offset, offset=offset, seed=seed
         )
     if refinement == "none":
-        return RefinedCalibration.after(aligned).widened(shared)
+        return RefinedCalibration.after(aligned).widened(shared, given=given)
     with stage("refinement"):
         final = _refined(aligned, estimate, velocities, focal, max_offset, systematic, lever)
-    return final.widened(shared)
+    return final.widened(shared, given=given)
 
 
 def _answerable(estimate: HeadingEstimate) -> None:
