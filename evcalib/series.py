@@ -240,6 +240,24 @@ BORDER = 1e-6
 """Times this close [s] to a border lie on it: events count whole microseconds."""
 
 
+def dead_reckon(velocities: VelocitySeries) -> Floats:
+    """Integrate body velocities and yaw rates to positions [m], shape (n, 3) (paper Eq. 13).
+
+    The trapezoidal rule is used, where the paper has a rectangle; the heading starts at zero.
+    """
+    dt = np.diff(velocities.t)
+    yaw = np.zeros(len(velocities))
+    if velocities.yaw_rate is not None:
+        rate = velocities.yaw_rate
+        yaw[1:] = np.cumsum(0.5 * (rate[1:] + rate[:-1]) * dt)
+    c, s = np.cos(yaw), np.sin(yaw)
+    x, y, z = velocities.v.T
+    world = np.stack([c * x - s * y, s * x + c * y, z], axis=1)
+    position = np.zeros_like(world)
+    position[1:] = np.cumsum(0.5 * (world[1:] + world[:-1]) * dt[:, None], axis=0)
+    return position
+
+
 def segments(t: Floats, gap: float) -> Integers:
     """Return the number of the segment between gaps longer than `gap` [s] that each time is in."""
     return np.concatenate([[0], np.cumsum(np.diff(t) > gap + BORDER)])

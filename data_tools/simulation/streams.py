@@ -17,6 +17,7 @@ from evcalib.arrays import Floats
 from evcalib.errors import InputError
 from evcalib.geometry import random_rotation
 from evcalib.series import HeadingSeries, VelocitySeries
+from evcalib.series import dead_reckon as dead_reckon
 
 
 @dataclass(frozen=True)
@@ -126,24 +127,6 @@ def simulate(
         offset=float(offset),
         drive=drive,
     )
-
-
-def dead_reckon(velocities: VelocitySeries) -> Floats:
-    """Integrate body velocities and yaw rates to positions [m], shape (n, 3) (paper Eq. 13).
-
-    The trapezoidal rule is used, where the paper has a rectangle; the heading starts at zero.
-    """
-    dt = np.diff(velocities.t)
-    yaw = np.zeros(len(velocities))
-    if velocities.yaw_rate is not None:
-        rate = velocities.yaw_rate
-        yaw[1:] = np.cumsum(0.5 * (rate[1:] + rate[:-1]) * dt)
-    c, s = np.cos(yaw), np.sin(yaw)
-    x, y, z = velocities.v.T
-    world = np.stack([c * x - s * y, s * x + c * y, z], axis=1)
-    position = np.zeros_like(world)
-    position[1:] = np.cumsum(0.5 * (world[1:] + world[:-1]) * dt[:, None], axis=0)
-    return position
 
 
 def _sample_times(duration: float, rate: float, noise: Noise, rng: np.random.Generator) -> Floats:

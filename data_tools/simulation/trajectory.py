@@ -12,11 +12,10 @@ from scipy.interpolate import PchipInterpolator
 from scipy.spatial.transform import Rotation, Slerp
 
 from data_tools.simulation.drives import Drive
-from data_tools.simulation.streams import dead_reckon
 from evcalib import checks
 from evcalib.arrays import Floats
 from evcalib.errors import InputError
-from evcalib.series import VelocitySeries
+from evcalib.series import VelocitySeries, dead_reckon
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,6 @@ the camera's displacement (first order in D / Z).  This changes with
 - the position p of the camera by ``-(A p - p) / Z``;
 - what else is unknown: how far corners trail their flow, how the body leans by its acceleration, a
   yaw that the odometry does not tell, and u and Z of every corner.
-
 """
 
 from __future__ import annotations
@@ -18,12 +17,13 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 from scipy.linalg import solveh_banded
 
 from evcalib.arrays import Floats, Integers
 from evcalib.errors import InputError
-from evcalib.joint import Systematic
-from evcalib.series import VelocitySeries
+from evcalib.joint import NO_YAW_RATE, Systematic
+from evcalib.series import VelocitySeries, dead_reckon
 
 STEP = 0.05
 """Time from one observation of a corner to the next [s]: that of headings at 20 Hz."""
@@ -34,9 +34,6 @@ OBSERVATIONS = 12
 SLOWEST = 3.0
 """Corners that flow slower than this [px/s] leave too few events to be seen: in 0.6 s they move by
 less than an edge is wide."""
-
-NO_YAW_RATE = 0.005
-"""Standard deviation of a yaw rate that nobody tells [rad/s], as `evcalib.joint` takes it."""
 
 TILT_SD = float(np.radians(0.3))
 """Standard deviation of the lean of a body by its acceleration [rad per m/s^2]: 0.1 to 0.5 deg are
@@ -200,17 +197,11 @@ def _motion(velocities: VelocitySeries, position: Floats) -> _Motion:
         rate = np.interp(t, velocities.t, velocities.yaw_rate)
     if not (np.any(v) or np.any(rate)):
         raise InputError("the drive does not move")
-    yaw = _integral(rate)
+    yaw = cumulative_trapezoid(rate, dx=STEP, initial=0.0)
     v = v + rate[:, None] * np.cross(UP, position)
-    world = _turned(yaw, v)
     acceleration = np.gradient(v, t, axis=0) + rate[:, None] * np.cross(UP, v)
-    return _Motion(t, yaw, rate, v, acceleration, _integral(world))
-
-
-def _integral(values: Floats) -> Floats:
-    out = np.zeros_like(values)
-    out[1:] = np.cumsum(0.5 * (values[1:] + values[:-1]) * STEP, axis=0)
-    return out
+    path = dead_reckon(VelocitySeries(t, v, rate))
+    return _Motion(t, yaw, rate, v, acceleration, path)
 
 
 def _turned(yaw: Floats, v: Floats) -> Floats:

@@ -173,7 +173,6 @@ def predict(
         `evcalib.align`.
     max_offset : float
         Half width of the search [s].
-
     systematic : Systematic
         What all observations of a drive share.
 

@@ -4,7 +4,15 @@ from evcalib._moved import leftovers
 from evcalib.joint._model_checks import SURE
 from evcalib.joint._refine import refine_jointly
 from evcalib.joint._result import SYSTEMATIC, JointRefinement, Systematic
+from evcalib.joint._world_motion import NO_YAW_RATE
 
-__all__ = ["SURE", "SYSTEMATIC", "JointRefinement", "Systematic", "refine_jointly"]
+__all__ = [
+    "NO_YAW_RATE",
+    "SURE",
+    "SYSTEMATIC",
+    "JointRefinement",
+    "Systematic",
+    "refine_jointly",
+]
 
 __getattr__ = leftovers(__name__)

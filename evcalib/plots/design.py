@@ -12,7 +12,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from evcalib.arrays import Floats
 from evcalib.design import REPEATS, Prediction, self_likeness
 from evcalib.plots import style
-from evcalib.series import VelocitySeries
+from evcalib.series import VelocitySeries, dead_reckon
 
 JUMP = 60.0
 """Directions [deg] that differ by more from one sample to the next are not joined.
@@ -133,12 +133,4 @@ def course(velocities: VelocitySeries) -> Floats:
 
     Without a yaw rate it keeps its heading.
     """
-    step = np.diff(velocities.t)
-    rate = np.zeros(velocities.t.size) if velocities.yaw_rate is None else velocities.yaw_rate
-    yaw = np.append(0.0, np.cumsum(0.5 * (rate[1:] + rate[:-1]) * step))
-    c, s = np.cos(yaw), np.sin(yaw)
-    x, y = velocities.v[:, 0], velocities.v[:, 1]
-    v = np.stack([c * x - s * y, s * x + c * y], axis=1)
-    path = np.zeros_like(v)
-    path[1:] = np.cumsum(0.5 * (v[1:] + v[:-1]) * step[:, None], axis=0)
-    return path
+    return dead_reckon(velocities)[:, :2]
