@@ -112,6 +112,12 @@ UPRIGHT = 5.0
 """An image rolled by less than this [deg] is called upright; the eye takes it for that."""
 
 
+def rpy_text(R: ArrayLike) -> str:
+    """Return roll, pitch and yaw of a rotation in words [deg]."""
+    roll, pitch, yaw = np.degrees(matrix_to_rpy(R))
+    return f"roll {roll:+.2f}, pitch {pitch:+.2f}, yaw {yaw:+.2f} deg"
+
+
 def mounting(R_body_cam: ArrayLike) -> Floats:
     """Return roll, pitch, yaw [deg] against a camera that looks straight ahead, level.
 

@@ -102,6 +102,17 @@ def test_a_drift_is_told_per_hour():
     assert "ms per hour" in " ".join(compare_runs(runs).lines())
 
 
+def test_a_run_keeps_a_part_of_its_error_bars_whatever_all_share():
+    shared = {"shared_rotation_sd": np.radians(0.06), "shared_offset_sd": 0.0015}
+    small = np.diag(np.radians([0.05, 0.1, 0.2]) ** 2)
+    one = RunAnswer.split("small", np.eye(3), small, 0.1, 0.001, samples=5.0, **shared)
+    own = np.degrees(np.sqrt(np.diag(one.rotation_covariance)))
+    assert own == pytest.approx([0.05 * np.sqrt(0.1), 0.08, np.sqrt(0.2**2 - 0.06**2)])
+    assert one.offset_sd == pytest.approx(0.001 * np.sqrt(0.1))
+    wide = RunAnswer.split("wide", np.eye(3), small, 0.1, 0.0025, samples=5.0, **shared)
+    assert wide.offset_sd == pytest.approx(0.002)
+
+
 def test_what_a_run_does_not_determine_is_left_out_and_told():
     rng = np.random.default_rng(6)
     R = random_rotation(rng)
@@ -154,6 +165,8 @@ def test_folders_are_read_and_compared(tmp_path):
         ({"rig": {"camera": "C", "vehicle": "B"}}, "different rigs: their camera"),
         ({"recording": {"file": "0", "span_s": [8.0, 20.0], "origin_us": 0}}, "overlap in time"),
         ({"shared": None}, "lacks what a comparison needs"),
+        ({"offset_sd_s": float("nan")}, "offset_sd of 1 must be"),
+        ({"rotation_covariance_deg2": np.zeros((3, 3)).tolist()}, "must be positive"),
         ({"R_body_cam": [[2.0, 0, 0], [0, 1, 0], [0, 0, 1]]}, "must be a 3 x 3 rotation"),
     ],
 )

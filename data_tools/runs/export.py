@@ -139,7 +139,11 @@ def read_calibration(path: str | Path) -> StoredCalibration:
     InputError
         If the file cannot be read, lacks a key, or its matrix is no rotation.
     """
-    content = read_yaml(path)
+    return calibration_of(read_yaml(path), path)
+
+
+def calibration_of(content: Any, path: str | Path) -> StoredCalibration:
+    """Return rotation and offset out of what a ``calibration.yaml`` holds."""
     if not isinstance(content, dict) or not content.keys() >= set(_NEEDED):
         raise InputError(f"{path} is no whole calibration: it needs the keys {', '.join(_NEEDED)}")
     flags = [content[name] for name in ("offset_observable", "rotation_observable")]

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from data_tools.files.text import read_yaml
-from data_tools.runs.export import read_calibration
+from data_tools.runs.export import calibration_of
 from data_tools.runs.folder import CALIBRATION, MARKER
 from evcalib.errors import InputError
 from evcalib.pipeline import Repeats, RunAnswer, compare_runs
@@ -67,35 +67,32 @@ def _read(path: Path, name: str) -> _StoredRun:
         if (path / MARKER).exists():
             raise InputError(f"{path} is not finished: see {path / MARKER}")
         path = path / CALIBRATION
-    known = read_calibration(path)
     content: Any = read_yaml(path)
+    known = calibration_of(content, path)
     try:
         shared, recording = content["shared"], content["recording"]
-        covariance = np.array(content["rotation_covariance_deg2"], dtype=np.float64)
-        own = np.radians(np.radians(covariance)).reshape(3, 3)
-        shared_rotation = math.radians(shared["rotation_sd_deg"])
-        shared_offset, sd = float(shared["offset_sd_s"]), float(content["offset_sd_s"])
-        samples, rig = float(content["independent_stretches"]), dict(content["rig"])
+        covariance = np.array(content["rotation_covariance_deg2"], dtype=np.float64).reshape(3, 3)
         start = 1e-6 * int(recording["origin_us"])
+        answer = RunAnswer.split(
+            name,
+            known.R_body_cam,
+            np.radians(np.radians(covariance)),
+            known.offset,
+            float(content["offset_sd_s"]),
+            samples=float(content["independent_stretches"]),
+            rotation_determined=known.rotation_observable,
+            offset_determined=known.offset_observable,
+            shared_rotation_sd=math.radians(shared["rotation_sd_deg"]),
+            shared_offset_sd=float(shared["offset_sd_s"]),
+            # Times that do not count from a common epoch do not order the runs.
+            start=start or None,
+        )
+        rig = dict(content["rig"])
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(
             f"{path} lacks what a comparison needs ({error}): it is of `evcalib align`, or of an"
             " earlier version; run `evcalib calibrate` again"
         ) from None
-    answer = RunAnswer(
-        name=name,
-        R_body_cam=known.R_body_cam,
-        rotation_covariance=own - shared_rotation**2 * np.eye(3),
-        offset=known.offset,
-        offset_sd=math.sqrt(max(sd**2 - shared_offset**2, 1e-18)),
-        samples=samples,
-        rotation_determined=known.rotation_observable,
-        offset_determined=known.offset_observable,
-        shared_rotation_sd=shared_rotation,
-        shared_offset_sd=shared_offset,
-        # Times that do not count from a common epoch do not order the runs.
-        start=start or None,
-    )
     return _StoredRun(answer, recording, rig)
 
 

@@ -13,7 +13,7 @@ from evcalib.alignment.registration import Residuals
 from evcalib.alignment.verdict import Diagnostics, Verdict, judge
 from evcalib.arrays import Floats
 from evcalib.display import Rows, Shown
-from evcalib.geometry import LOOKS_FORWARD, matrix_to_rpy
+from evcalib.geometry import LOOKS_FORWARD, rpy_text
 from evcalib.uncertainty import rotation_radius, rotation_sd
 
 
@@ -158,8 +158,8 @@ class Calibration(Shown):
         used = len(self.residuals.t)
         rows = [
             ("time offset", f"{self.offset:+.4f} s{exact}"),
-            ("R_body_cam", f"{_rpy(self.R_body_cam)}{sure}"),
-            ("mounting", f"{_rpy(self.R_body_cam @ LOOKS_FORWARD.T)} from straight ahead"),
+            ("R_body_cam", f"{rpy_text(self.R_body_cam)}{sure}"),
+            ("mounting", f"{rpy_text(self.R_body_cam @ LOOKS_FORWARD.T)} from straight ahead"),
             ("headings", f"{used:,} used, {100 * self.inlier_share:.0f} % agree"),
             ("verdict", self.verdict.summary),
         ]
@@ -167,8 +167,3 @@ class Calibration(Shown):
             rows.append(("doubts", " ".join(self.verdict.doubts)))
         told = {"without", *(f.name for f in fields(Calibration))}
         return rows + [row for row in super()._shown_rows() if row[0] not in told]
-
-
-def _rpy(R: Floats) -> str:
-    roll, pitch, yaw = np.degrees(matrix_to_rpy(R))
-    return f"roll {roll:+.2f}, pitch {pitch:+.2f}, yaw {yaw:+.2f} deg"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any, Self
 
 import numpy as np
 from scipy import stats
@@ -13,7 +14,7 @@ from evcalib import checks
 from evcalib.arrays import Floats
 from evcalib.display import Rows, Shown
 from evcalib.errors import InputError
-from evcalib.geometry import matrix_to_rpy, rotation_vector, rotation_vector_to_matrix
+from evcalib.geometry import rotation_vector, rotation_vector_to_matrix, rpy_text
 from evcalib.joint import Systematic
 from evcalib.pipeline._assessment import RefinedCalibration
 from evcalib.uncertainty import Agreement, agreement, rotation_radius
@@ -22,8 +23,9 @@ LEVEL = 0.05
 """Chance that runs which agree are called contradictory, over all unknowns together.  A choice, the
 one of 95 % intervals; the unknowns share it by Holm's rule."""
 
-LEAST_SD = 1e-6
-"""Least own standard deviation of an offset [s]: events are stamped in microseconds."""
+OWN = 0.1
+"""Least share of a run's variance that is its own.  A choice: with less, a run whose error bars are
+all but those that all share would outweigh every other."""
 
 STEPS = 5
 """Rounds of the mean on the sphere of rotations: each squares the error of the last, of radians."""
@@ -55,6 +57,11 @@ class RunAnswer(Shown):
         Standard deviation per axis [rad], and of the offset [s], of what all runs of a rig share.
     start : float, optional
         When it began [s], on a clock that all runs share.
+
+    Raises
+    ------
+    InputError
+        If an error bar is not positive.
     """
 
     name: str
@@ -69,23 +76,59 @@ class RunAnswer(Shown):
     shared_offset_sd: float = 0.0
     start: float | None = None
 
+    def __post_init__(self) -> None:
+        checks.positive(self.offset_sd, f"offset_sd of {self.name}", "s")
+        checks.positive(self.samples, f"samples of {self.name}")
+        covariance = checks.floats(self.rotation_covariance, f"covariance of {self.name}", (3, 3))
+        if not np.linalg.eigvalsh(covariance)[0] > 0:
+            raise InputError(f"the rotation covariance of {self.name} is none: it must be positive")
+
     @classmethod
-    def of(cls, name: str, calibration: RefinedCalibration, systematic: Systematic) -> RunAnswer:
+    def of(cls, name: str, calibration: RefinedCalibration, systematic: Systematic) -> Self:
         """Take a run's answer out of its calibration; only refined ones hold a shared part."""
         refined = calibration.joint is not None
-        rotation_sd = systematic.rotation_sd if refined else 0.0
-        time_sd = systematic.time_sd if refined else 0.0
-        return cls(
-            name=name,
-            R_body_cam=calibration.R_body_cam,
-            rotation_covariance=calibration.rotation_covariance - rotation_sd**2 * np.eye(3),
-            offset=calibration.offset,
-            offset_sd=math.sqrt(max(calibration.offset_sd**2 - time_sd**2, LEAST_SD**2)),
+        return cls.split(
+            name,
+            calibration.R_body_cam,
+            calibration.rotation_covariance,
+            calibration.offset,
+            calibration.offset_sd,
             samples=calibration.samples,
             rotation_determined=calibration.rotation_observable,
             offset_determined=calibration.offset_observable,
-            shared_rotation_sd=rotation_sd,
-            shared_offset_sd=time_sd,
+            shared_rotation_sd=systematic.rotation_sd if refined else 0.0,
+            shared_offset_sd=systematic.time_sd if refined else 0.0,
+        )
+
+    @classmethod
+    def split(
+        cls,
+        name: str,
+        R_body_cam: Floats,
+        rotation_covariance: Floats,
+        offset: float,
+        offset_sd: float,
+        *,
+        shared_rotation_sd: float,
+        shared_offset_sd: float,
+        **more: Any,
+    ) -> Self:
+        """Take the shared part out of whole error bars; `OWN` of each is left at least.
+
+        A rotation that was kept from the alignment holds no shared part: what is left of it must
+        not become nothing, or less.
+        """
+        values, axes = np.linalg.eigh(rotation_covariance)
+        own = np.maximum(values - shared_rotation_sd**2, OWN * values)
+        return cls(
+            name=name,
+            R_body_cam=R_body_cam,
+            rotation_covariance=(axes * own) @ axes.T,
+            offset=offset,
+            offset_sd=math.sqrt(max(offset_sd**2 - shared_offset_sd**2, OWN * offset_sd**2)),
+            shared_rotation_sd=shared_rotation_sd,
+            shared_offset_sd=shared_offset_sd,
+            **more,
         )
 
     @property
@@ -192,14 +235,8 @@ class Repeats(Shown):
         if "offset" in self.unknowns:
             rows.append(("time offset", f"{self.offset:+.4f} s +- {self.offset_sd:.4f} s (sd)"))
         if self.R_body_cam is not None:
-            roll, pitch, yaw = np.degrees(matrix_to_rpy(self.R_body_cam))
-            rows.append(
-                (
-                    "R_body_cam",
-                    f"roll {roll:+.2f}, pitch {pitch:+.2f}, yaw {yaw:+.2f} deg, error below"
-                    f" {np.degrees(self.rotation_radius):.2f} deg (95 %)",
-                )
-            )
+            sure = f"error below {np.degrees(self.rotation_radius):.2f} deg (95 %)"
+            rows.append(("R_body_cam", f"{rpy_text(self.R_body_cam)}, {sure}"))
         return [*rows, *(("", line) for line in self.lines())]
 
 
