@@ -26,5 +26,4 @@ def test_a_terminal_sees_what_is_compiled_and_a_script_nothing(monkeypatch):
         with event.install_listener("numba:compile", listener):
             numba.njit(inner)(np.float64(1.0))
             numba.njit(inner)(np.int64(1))
-        listener._bar.close()
         assert ("compiling, once: 2 kernels" in stream.getvalue()) == shown

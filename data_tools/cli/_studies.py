@@ -52,10 +52,7 @@ def demo(
         else:
             files, truth = _shipped_drive()
         run = run_files(
-            files["recording"],
-            files["camera"],
-            wheels=files["wheels"],
-            vehicle=files["vehicle"],
+            **files,
             output=output,
             overwrite=True,
             command=common.command_line(),
@@ -69,7 +66,7 @@ def demo(
     common.exit_by(run.calibration)
 
 
-def _new_drive(home: Path, seed: int) -> tuple[dict[str, Path], Truth]:
+def _new_drive(home: Path, seed: int) -> tuple[dict[str, Any], Truth]:
     from data_tools.runs.demo import demo_drive, write_demo
     from evcalib.pipeline import Truth
 
@@ -78,20 +75,16 @@ def _new_drive(home: Path, seed: int) -> tuple[dict[str, Path], Truth]:
     return write_demo(home, drive), Truth(drive.R_body_cam, drive.offset)
 
 
-def _shipped_drive() -> tuple[dict[str, Path], Truth]:
+def _shipped_drive() -> tuple[dict[str, Any], Truth]:
     """Return the files of the sweep that notebook 0 looks at, which every installation has."""
     from data_tools.course import home_of_notebooks
+    from data_tools.runs.demo import files_in
     from data_tools.runs.export import read_calibration
     from evcalib.pipeline import Truth
 
     home = home_of_notebooks()[0] / "data" / "sweep"
-    names = ("events.h5", "calib.txt", "wheels.csv", "vehicle.yaml")
-    files = {
-        role: home / name
-        for role, name in zip(("recording", "camera", "wheels", "vehicle"), names, strict=True)
-    }
     true = read_calibration(home / "truth.yaml")
-    return files, Truth(true.R_body_cam, true.offset)
+    return files_in(home), Truth(true.R_body_cam, true.offset)
 
 
 @app.command()

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 
@@ -27,6 +28,14 @@ from evcalib.pipeline import Truth
 
 DURATION, WARM_UP = 9.5, 3.0
 
+FILES = {
+    "recording": "events.h5",
+    "camera": "calib.txt",
+    "wheels": "wheels.csv",
+    "vehicle": "vehicle.yaml",
+}
+"""Parameters of `data_tools.runs.calibrate.run_files`, and the names of their files in a folder."""
+
 
 def demo_streams(seed: int = 1) -> SyntheticStreams:
     """Return an S-curve of 20 s with noise of 3 degrees that remembers, and 10 % outliers."""
@@ -45,19 +54,19 @@ def demo_drive(seed: int = 1) -> RecordedDrive:
     return record_drive(seed, duration=DURATION, disturbances=rough)
 
 
-def write_demo(folder: str | Path, drive: RecordedDrive) -> dict[str, Path]:
+def files_in(folder: Path) -> dict[str, Any]:
+    """Return the files of a recorded drive by role."""
+    return {role: folder / name for role, name in FILES.items()}
+
+
+def write_demo(folder: str | Path, drive: RecordedDrive) -> dict[str, Any]:
     """Write a recorded drive as the files that ``evcalib calibrate`` takes; return them by role."""
     folder = Path(folder)
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"cannot make the folder {folder}: {error.strerror or error}") from None
-    paths = {
-        "recording": folder / "events.h5",
-        "camera": folder / "calib.txt",
-        "wheels": folder / "wheels.csv",
-        "vehicle": folder / "vehicle.yaml",
-    }
+    paths = files_in(folder)
     lens = drive.simulator.camera
     text = f"{lens.fx} {lens.fy} {lens.cx} {lens.cy} 0 0 0 0 0\n"
     write_file(paths["camera"], lambda path: path.write_text(text, encoding="ascii"))
@@ -86,12 +95,7 @@ def warm_up() -> None:
     with TemporaryDirectory() as folder:
         files = write_demo(folder, record_drive(0, duration=WARM_UP))
         with suppress(NoAnswerError):
-            run_files(
-                files["recording"],
-                files["camera"],
-                wheels=files["wheels"],
-                vehicle=files["vehicle"],
-            )
+            run_files(**files)
 
 
 def against_truth(calibration: Calibration, truth: Truth) -> str:

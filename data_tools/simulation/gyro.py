@@ -11,7 +11,6 @@ from data_tools.simulation._random import generator
 from data_tools.simulation.simulator import Simulator
 from evcalib import checks
 from evcalib.arrays import Floats
-from evcalib.errors import InputError
 
 
 @dataclass(frozen=True)
@@ -37,8 +36,7 @@ class Gyro:
     def __post_init__(self) -> None:
         checks.positive(self.rate, "rate", "samples per second")
         checks.floats(self.bias, "bias", (3,))
-        if not (np.isfinite(self.noise) and self.noise >= 0):
-            raise InputError(f"noise must be a number of at least 0, not {self.noise!r}")
+        checks.at_least_zero(self.noise, "noise")
 
 
 def angular_rates(
