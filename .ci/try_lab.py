@@ -11,6 +11,7 @@ import socket
 import subprocess
 import sys
 import tempfile
+import time
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
@@ -43,7 +44,9 @@ def lab(folder: Path) -> Iterator[tuple[str, str]]:
         command, cwd=folder, env=os.environ | homes, stderr=subprocess.PIPE, text=True
     )
     try:
-        yield _address(server)
+        address, token = _address(server)
+        _wait(address, token)
+        yield address, token
         server.send_signal(signal.SIGINT)
         _, rest = server.communicate(timeout=START)
         assert server.returncode == 0, (server.returncode, rest)
@@ -63,6 +66,19 @@ def _address(server: subprocess.Popen[str]) -> tuple[str, str]:
             assert found[2] == FIRST
             return found[1], found[3]
     raise SystemExit(f"the server did not start:\n{''.join(told)}")
+
+
+def _wait(address: str, token: str) -> None:
+    """Wait until the server answers: it prints its address before it listens."""
+    end = time.monotonic() + START
+    while True:
+        try:
+            get(f"{address}/api/status?token={token}")
+            return
+        except urllib.error.URLError:
+            if time.monotonic() > end:
+                raise
+            time.sleep(0.1)
 
 
 def get(address: str) -> bytes:
