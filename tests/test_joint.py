@@ -356,7 +356,7 @@ TURNING = swinging(yaw=0.8)
 
 
 def test_a_body_that_turns_shows_where_its_camera_sits():
-    """Exactly, from a start 40 cm off; what does not turn leaves it there, a metre unsure."""
+    """Exactly, from a start 40 cm off; what does not turn leaves it unknown by metres."""
     rng = np.random.default_rng(40)
     tracks = naive.made_tracks(rng, TURNING, R_BODY_CAM, OFFSET, lever=LEVER, count=150)
     there = LEVER[0] - 0.3, LEVER[1] + 0.25, LEVER[2]
@@ -366,9 +366,11 @@ def test_a_body_that_turns_shows_where_its_camera_sits():
     assert found.offset == pytest.approx(OFFSET, abs=1e-5)
     straight = swinging(yaw=0.0)
     tracks = naive.made_tracks(rng, straight, R_BODY_CAM, OFFSET, lever=LEVER, count=150)
+    tracks = naive.spoiled(rng, tracks, noise=0.3 * PIXEL)
     found = refined(tracks, straight, START, lever=there, estimate_position=True)
-    assert found.position == pytest.approx(there, abs=1e-6)
-    assert np.sqrt(np.diag(found.covariance)[4:]) == pytest.approx(1.0, rel=1e-6)
+    sd = np.sqrt(np.diag(found.covariance)[4:])
+    assert (sd > 0.9).all()
+    assert (np.abs(found.position - LEVER)[:2] < 3.0 * sd).all()
 
 
 def test_the_stated_positions_hold_the_truth():

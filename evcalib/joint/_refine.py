@@ -93,8 +93,8 @@ def refine_jointly(
     lever : tuple of float
         Position of the camera in the body frame [m].
     estimate_position : bool
-        Take x and y of it as a start only.  A body that does not turn does not show them: there
-        they stay as they are, at a standard deviation of a metre.
+        Take x and y of it as a start only.  A body that does not turn does not show them: their
+        standard deviation is then a metre and more.
 
     Returns
     -------

@@ -245,9 +245,12 @@ def covariance_of(problem: Problem, fit: Fit, free: Flags) -> tuple[Floats, floa
     scatter += np.diag((fit.noise**2 / _prior_sd(problem)) ** 2)
     # Four unknowns were fitted to two numbers, a direction, per stretch.
     lost = max(1.0 - 2.0 / samples, 0.25)
-    inverse = np.zeros((YAW_RATE, YAW_RATE))
-    inverse[np.ix_(free, free)] = np.linalg.pinv(
-        information[np.ix_(free, free)], rcond=1e-12, hermitian=True
+    inverse, chosen = np.zeros((YAW_RATE, YAW_RATE)), np.ix_(free, free)
+    # Units differ: a prior of the position must not pass for rounding beside the rotation.
+    size = np.sqrt(np.maximum(np.diag(information)[free], 1e-300))
+    scale = np.outer(size, size)
+    inverse[chosen] = (
+        np.linalg.pinv(information[chosen] / scale, rcond=1e-12, hermitian=True) / scale
     )
     return inverse @ scatter @ inverse / (lost * slope_of_loss(fit) ** 2), samples
 
