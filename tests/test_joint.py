@@ -71,8 +71,8 @@ def problem_of(tracks, velocities, lag=0.0, lever=LEVER):
 
 
 def linearised(
-    tracks, velocities, R=R_BODY_CAM, offset=OFFSET, *, lag=0.0, bias=0.0, loss_scale=1e3, passes=12,
-    lever=LEVER,
+    tracks, velocities, R=R_BODY_CAM, offset=OFFSET, *, lag=0.0, bias=0.0, lever=LEVER,
+    loss_scale=1e3, passes=12,
 ):  # fmt: skip
     problem = problem_of(tracks, velocities, lag, lever)
     fit = begin(problem, R, offset, loss_scale)
