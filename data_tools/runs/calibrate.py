@@ -21,9 +21,6 @@ from evcalib.errors import InputError
 from evcalib.kinematics import REFUSE_SLIP
 from evcalib.pipeline import CalibrationRun, Truth, calibrate
 
-MAX_YAW_RATE: float | None = None
-"""No rows are left out for turning, unless asked for: it is accounted for, and shows more."""
-
 LEAST_SLIP, USUAL_SLIPS = 0.05, 6.0
 """Rows whose slip is above this [m/s], and above so many times the median, or a third of the usual
 wheel speed if that is less, are left out."""
@@ -47,7 +44,7 @@ def run_files(
     overwrite: bool = False,
     command: str = "",
     max_slip: float | None = None,
-    max_yaw_rate: float | None = MAX_YAW_RATE,
+    max_yaw_rate: float | None = None,
     reading: Mapping[str, Any] | None = None,
     motion: Mapping[str, Any] | None = None,
     on_stage: Callable[[str], object] = lambda name: None,
