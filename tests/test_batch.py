@@ -213,7 +213,12 @@ def test_every_option_of_calibrate_may_stand_in_a_list(tmp_path):
     assert options - {"output", "overwrite", "as_json"} == set(KEYS) - {"name"}
     entry = {
         **{"recording": "r", "camera": "c", "velocities": "v", "offset": -0.5},
-        **{"camera_position": "0.3,0,0.8", "refinement": "none", "max_slip": 0.1},
+        **{
+            "camera_position": "0.3,0,0.8",
+            "camera_height": 0.8,
+            "refinement": "none",
+            "max_slip": 0.1,
+        },
         **{
             "max_yaw_rate": 1,
             "columns": {"t": {"column": "ms", "unit": "ms"}},
@@ -236,7 +241,16 @@ def test_every_option_of_calibrate_may_stand_in_a_list(tmp_path):
     motion = ("columns", "topic", "wheel_radius", "clock_shift", "twist_frame")
     assert given["motion"] == {**{k: entry[k] for k in motion}, "time_unit": "ms"}
     assert (given["camera_position"], given["size"]) == ((0.3, 0, 0.8), (8, 5))
-    same = ("offset", "refinement", "max_slip", "max_yaw_rate", "surface", "rate", "seed")
+    same = (
+        "offset",
+        "camera_height",
+        "refinement",
+        "max_slip",
+        "max_yaw_rate",
+        "surface",
+        "rate",
+        "seed",
+    )
     assert {key: given[key] for key in same} == {key: entry[key] for key in same}
     assert set(given) - {"recording", "camera", "velocities", "output"} == {
         *same, "reading", "motion", "camera_position", "size",

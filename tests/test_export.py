@@ -1,5 +1,7 @@
 """Exports: what each file says, checked against scipy and by reading it back."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import yaml
@@ -15,7 +17,12 @@ seeds = st.integers(0, 2**32 - 1)
 
 def stored(seed):
     rng = np.random.default_rng(seed)
-    return export.StoredCalibration(Rotation.random(None, rng).as_matrix(), float(rng.normal()))
+    R, offset, place = (
+        Rotation.random(None, rng).as_matrix(),
+        float(rng.normal()),
+        rng.normal(size=3),
+    )
+    return export.StoredCalibration(R, offset, position=tuple(map(float, place)))
 
 
 @pytest.mark.parametrize("form", export.FORMATS)
@@ -28,12 +35,16 @@ def test_what_is_exported_reads_back(tmp_path_factory, form, seed):
     read = export.read_export(path, form)
     np.testing.assert_allclose(read.R_body_cam, wrote.R_body_cam, atol=1e-14)
     assert read.offset == wrote.offset
+    np.testing.assert_allclose(read.position, wrote.position, atol=1e-14)
 
 
 def test_kalibr_holds_the_inverse_rotation():
     calibration = stored(1)
     camera = yaml.safe_load(export.export(calibration, "kalibr"))["cam0"]
-    np.testing.assert_array_equal(np.array(camera["T_cam_imu"])[:3, :3], calibration.R_body_cam.T)
+    T = np.array(camera["T_cam_imu"])
+    np.testing.assert_array_equal(T[:3, :3], calibration.R_body_cam.T)
+    # The camera's own place is its origin.
+    np.testing.assert_allclose(T @ [*calibration.position, 1.0], [0, 0, 0, 1], atol=1e-14)
     assert camera["T_cam_imu"][3] == [0, 0, 0, 1]
 
 
@@ -42,6 +53,7 @@ def test_tf_holds_the_quaternion_of_the_camera_in_the_body():
     found = yaml.safe_load(export.export(calibration, "ros-tf"))
     turn = Rotation.from_quat(found["rotation_xyzw"]).as_matrix()
     np.testing.assert_allclose(turn, calibration.R_body_cam, atol=1e-14)
+    assert found["translation"] == list(calibration.position)
     assert (found["frame_id"], found["child_frame_id"]) == ("base_link", "camera_optical_frame")
 
 
@@ -54,11 +66,16 @@ def test_urdf_angles_are_fixed_axis_roll_pitch_yaw(pitch):
 
 
 @pytest.mark.parametrize("form", export.FORMATS)
-def test_every_file_states_its_direction_and_the_missing_translation(form):
-    text = " ".join(export.export(stored(3), form).split())
-    assert "p_cam = T_cam_imu p_body" in text or "p_body = R p_cam" in text
-    assert "not observed" in text
-    assert "t_body = t_cam +" in text
+def test_every_file_states_its_direction_and_what_is_known_of_the_position(tmp_path, form):
+    calibration = replace(stored(3), position=(0.2, np.nan, 0.8), position_sd=(0.004, np.inf))
+    text = export.export(calibration, form)
+    (tmp_path / "file").write_text(text)
+    read = export.read_export(tmp_path / "file", form)
+    np.testing.assert_allclose(read.position, (0.2, 0.0, 0.8), atol=1e-14)
+    said = " ".join(text.replace("#", " ").split())
+    assert "p_cam = T_cam_imu p_body" in said or "p_body = R p_cam" in said
+    assert "x is found to 4.0 mm (sd), y is not observed and written as zero, z is as given" in said
+    assert "t_body = t_cam +" in said
 
 
 REST = "\noffset_s: 0\noffset_observable: true\nrotation_observable: true\n"
@@ -73,6 +90,10 @@ REST = "\noffset_s: 0\noffset_observable: true\nrotation_observable: true\n"
         ("R_body_cam: [[1, 0], [0, 1]]" + REST, "must be a 3 x 3 rotation"),
         ("R_body_cam: text" + REST, "must be numbers"),
         ("R_body_cam: [[1, 0, 0], [0, 1, 0], [0, 0, 1]]\noffset_s: 0\n", "no whole calibration"),
+        (
+            "R_body_cam: [[1, 0, 0], [0, 1, 0], [0, 0, 1]]" + REST + "position_m: [0, 1]",
+            "three numbers or null",
+        ),
         ("a: [", "is not YAML"),
     ],
 )

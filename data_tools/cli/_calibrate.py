@@ -64,7 +64,12 @@ def calibrate(
         float | None, typer.Option(help="Offset in seconds, to use if the motion does not tell it.")
     ] = None,
     camera_position: Annotated[
-        str | None, typer.Option(help="Where the camera sits in the body frame: X,Y,Z in metres.")
+        str | None,
+        typer.Option(help="Where the camera sits in the body: X,Y,Z in metres; else found."),
+    ] = None,
+    camera_height: Annotated[
+        float | None,
+        typer.Option(help="Height of the camera in the body in metres, which no drive shows."),
     ] = None,
     refinement: Annotated[str, typer.Option(help="tracks, or none for the paper's chain.")] = (
         "tracks"
@@ -73,8 +78,9 @@ def calibrate(
         float | None, typer.Option(help="Leave out wheel rows that slip more, in m/s.")
     ] = None,
     max_yaw_rate: Annotated[
-        float, typer.Option(help="Leave out wheel rows that turn faster, in rad/s.")
-    ] = 0.5,
+        float | None,
+        typer.Option(help="Leave out rows that turn faster, in rad/s; turning is no fault."),
+    ] = None,
     columns: Columns = None,
     topic: Topic = None,
     wheel_radius: WheelRadius = None,
@@ -125,6 +131,7 @@ def calibrate(
         max_offset=max_offset,
         offset=offset,
         camera_position=_position(camera_position),
+        camera_height=camera_height,
         refinement=refinement,
         surface=surface,
         rate=rate,

@@ -122,7 +122,8 @@ def study(
     name: Annotated[
         str,
         typer.Argument(
-            help="paper, drives, ablations, coverage, real, recorded, campaign, lag or repeat."
+            help="paper, drives, ablations, coverage, real, recorded, campaign, lag, repeat,"
+            " conditions, mixtures or turning."
         ),
     ],
     output: Annotated[Path, typer.Option("-o", "--output", help="Folder for table and plots.")],
@@ -133,21 +134,28 @@ def study(
     data: Annotated[
         Path | None, typer.Option(help="Folder of local files, for the study 'real'.")
     ] = None,
+    only: Annotated[
+        list[str] | None,
+        typer.Option(help="Only groups whose name holds this; may be given several times."),
+    ] = None,
+    rows: Annotated[
+        bool, typer.Option("--rows", help="Write a table with a line for each trial, too.")
+    ] = False,
 ) -> None:
     """Run a study of many trials; go on with it if it was stopped."""
     from data_tools.studies import describe, run_study, write_summary
+    from data_tools.studies import study as study_of
 
     options: dict[str, Any] = {} if data is None else {"data": data}
     result = run_study(
-        name,
+        study_of(name, **options).only(only or []),
         trials=trials,
         seed=seed,
         folder=output,
         workers=workers,
         scheduler=scheduler,
-        **options,
     )
-    write_summary(result, output)
+    write_summary(result, output, rows=rows)
     print(describe(result))
 
 

@@ -21,9 +21,6 @@ from evcalib.errors import InputError
 from evcalib.kinematics import REFUSE_SLIP
 from evcalib.pipeline import CalibrationRun, Truth, calibrate
 
-MAX_YAW_RATE = 0.5
-"""Rows that turn faster [rad/s] are left out; slower turning is accounted for."""
-
 LEAST_SLIP, USUAL_SLIPS = 0.05, 6.0
 """Rows whose slip is above this [m/s], and above so many times the median, or a third of the usual
 wheel speed if that is less, are left out."""
@@ -47,7 +44,7 @@ def run_files(
     overwrite: bool = False,
     command: str = "",
     max_slip: float | None = None,
-    max_yaw_rate: float | None = MAX_YAW_RATE,
+    max_yaw_rate: float | None = None,
     reading: Mapping[str, Any] | None = None,
     motion: Mapping[str, Any] | None = None,
     on_stage: Callable[[str], object] = lambda name: None,
@@ -80,7 +77,7 @@ def run_files(
         Wheel rows that slip more [m/s] are left out; by default those above 0.05 m/s, and above
         six times the median or a third of the wheels' speed.
     max_yaw_rate : float, optional
-        Rows that turn faster [rad/s] are left out, where they tell; None leaves out none.
+        Rows that turn faster [rad/s] are left out; by default none, for turning is accounted for.
     reading, motion : mapping, optional
         Further options of `open_recording` and of `read_body_velocities`.
     on_stage : callable
@@ -166,9 +163,7 @@ def _one_source(
 def _within_limits(
     source: VelocitySource, max_slip: float | None, max_yaw_rate: float | None
 ) -> VelocitySource:
-    """Apply the limits there can be; one of the slip that was not given follows the usual slip."""
-    if source.velocities.yaw_rate is None:
-        max_yaw_rate = None
+    """Apply the limits; one of the slip that was not given follows the usual slip."""
     if source.wheels is not None and max_slip is None:
         wheels = source.wheels
         usual = USUAL_SLIPS * float(np.median(wheels.slip))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,7 @@ from evcalib.arrays import Floats
 from evcalib.errors import InputError
 from evcalib.geometry import camera_looks, matrix_to_quaternion, matrix_to_rpy, quaternion_to_matrix
 from evcalib.geometry import rpy_to_matrix as rpy_matrix
-from evcalib.pipeline import CalibrationRun
+from evcalib.pipeline import CalibrationRun, RefinedCalibration, position_text
 
 CONVENTION = (
     "v_body = R_body_cam v_cam, camera X right Y down Z forward, body X forward Y left Z up;"
@@ -41,12 +41,38 @@ class StoredCalibration:
         ``t_body = t_cam + offset`` [s].
     offset_observable, rotation_observable : bool
         Whether the motion determined them.
+    position : tuple of float
+        Where the camera sits in the body frame [m]; NaN where that is not known.
+    position_sd : tuple of float
+        Standard deviations of x and y [m]; inf where they were given or are not known.
     """
 
     R_body_cam: Floats
     offset: float
     offset_observable: bool = True
     rotation_observable: bool = True
+    position: tuple[float, ...] = (math.nan, math.nan, math.nan)
+    position_sd: tuple[float, ...] = (math.inf, math.inf)
+
+    @property
+    def translation(self) -> list[float]:
+        """The position [m], with 0 for what is not known."""
+        return [value if math.isfinite(value) else 0.0 for value in self.position]
+
+    @property
+    def about_position(self) -> str:
+        """Where each coordinate comes from, in words."""
+        words = []
+        for name, value, sd in zip(
+            "xyz", self.position, (*self.position_sd, math.inf), strict=True
+        ):
+            if not math.isfinite(value):
+                words.append(f"{name} is not observed and written as zero")
+            elif math.isfinite(sd):
+                words.append(f"{name} is found to {1e3 * sd:.1f} mm (sd)")
+            else:
+                words.append(f"{name} is as given")
+        return ", ".join(words)
 
 
 def summary_dict(calibration: Calibration) -> dict[str, Any]:
@@ -72,6 +98,7 @@ def summary_dict(calibration: Calibration) -> dict[str, Any]:
         "rotation_radius_deg": math.degrees(calibration.rotation_radius),
         "rotation_observable": bool(calibration.rotation_observable),
         "unknown_axis": None if unknown is None else [float(x) for x in unknown],
+        **_position_dict(calibration),
         "verdict": str(calibration.verdict),
         "doubts": list(calibration.verdict.doubts),
         "converged": joint is None or bool(joint.converged),
@@ -95,6 +122,24 @@ def summary_dict(calibration: Calibration) -> dict[str, Any]:
         "settings": dict(calibration.settings),
         "convention": CONVENTION,
     }
+
+
+def _position_dict(calibration: Calibration) -> dict[str, Any]:
+    """Return the camera's position, null where nothing is known, and each unknown's verdict."""
+    if not isinstance(calibration, RefinedCalibration):
+        return {}
+    seen = [bool(x) for x in (*calibration.position_observable, False)]
+    sds = zip(calibration.position_sd, seen, strict=True)
+    return {
+        "position_m": [_or_none(x) for x in calibration.position],
+        "position_sd_m": [_or_none(sd) if known else None for sd, known in sds],
+        "position_observable": seen,
+        "unknowns": [asdict(one) | {"sd": _or_none(one.sd)} for one in calibration.unknowns],
+    }
+
+
+def _or_none(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
 
 
 def run_dict(run: CalibrationRun) -> dict[str, Any]:
@@ -132,7 +177,7 @@ def write_calibration(
 
 
 def read_calibration(path: str | Path) -> StoredCalibration:
-    """Read rotation and offset from a ``calibration.yaml``.
+    """Read rotation, offset and position from a ``calibration.yaml``.
 
     Raises
     ------
@@ -153,7 +198,21 @@ def calibration_of(content: Any, path: str | Path) -> StoredCalibration:
         _stored(content["R_body_cam"], content["offset_s"], path),
         offset_observable=flags[0],
         rotation_observable=flags[1],
+        position=_numbers(content.get("position_m"), math.nan, path),
+        position_sd=_numbers(content.get("position_sd_m"), math.inf, path)[:2],
     )
+
+
+def _numbers(values: Any, missing: float, path: str | Path) -> tuple[float, ...]:
+    """Return three numbers, `missing` for null; files of earlier versions have none."""
+    values = [None] * 3 if values is None else values
+    try:
+        numbers = tuple(missing if value is None else float(value) for value in values)
+    except (TypeError, ValueError):
+        numbers = ()
+    if len(numbers) != 3:
+        raise InputError(f"{path}: position_m and position_sd_m must be three numbers or null")
+    return numbers
 
 
 def export(calibration: StoredCalibration, form: str) -> str:
@@ -165,8 +224,8 @@ def export(calibration: StoredCalibration, form: str) -> str:
         Rotation and offset.
     form : {"kalibr", "ros-tf", "urdf"}
         Kalibr's camchain with the body in place of the IMU; a ``static_transform_publisher``
-        launch argument list as YAML; or a URDF joint.  Headings do not show the lever arm: the
-        translation is written as zero, and each file says so.
+        launch argument list as YAML; or a URDF joint.  What is not known of the camera's position
+        is written as zero, and each file says what that is.
     """
     if form not in FORMATS:
         raise InputError(f"the export format must be one of {', '.join(FORMATS)}, not {form!r}")
@@ -181,7 +240,7 @@ def export(calibration: StoredCalibration, form: str) -> str:
 
 
 def read_export(path: str | Path, form: str) -> StoredCalibration:
-    """Read back what :func:`export` wrote (the offset is 0 where the form cannot hold it)."""
+    """Read back what :func:`export` wrote; what was not known of the position is 0 then."""
     if form == "urdf":
         return _from_urdf(path)
     content = read_yaml(path)
@@ -189,10 +248,12 @@ def read_export(path: str | Path, form: str) -> StoredCalibration:
         if form == "kalibr":
             camera = content["cam0"]
             T_cam_body = np.array(camera["T_cam_imu"], dtype=np.float64)
-            return _stored(T_cam_body[:3, :3].T, camera["timeshift_cam_imu"], path)
+            stored = _stored(T_cam_body[:3, :3].T, camera["timeshift_cam_imu"], path)
+            return replace(stored, position=tuple(-stored.R_body_cam @ T_cam_body[:3, 3]))
         turn = content["rotation_xyzw"]
         wxyz = [turn[3], *turn[:3]]
-        return _stored(quaternion_to_matrix(wxyz), content["time_offset_s"], path)
+        stored = _stored(quaternion_to_matrix(wxyz), content["time_offset_s"], path)
+        return replace(stored, position=_numbers(content["translation"], math.nan, path))
     except (KeyError, TypeError, IndexError, ValueError) as error:
         raise InputError(f"{path} is no {form} file of ours: {error!r}") from None
 
@@ -200,10 +261,12 @@ def read_export(path: str | Path, form: str) -> StoredCalibration:
 def _to_kalibr(calibration: StoredCalibration) -> str:
     T_cam_body = np.eye(4)
     T_cam_body[:3, :3] = calibration.R_body_cam.T
+    T_cam_body[:3, 3] = -calibration.R_body_cam.T @ calibration.translation
     rows = "\n".join(f"  - [{', '.join(_number(x) for x in row)}]" for row in T_cam_body)
     return (
         "# T_cam_imu maps points from the body frame (in place of Kalibr's IMU) to the camera:\n"
-        "#   p_cam = T_cam_imu p_body.  The translation is not observed and written as zero.\n"
+        "#   p_cam = T_cam_imu p_body.  Of the camera's position in the body frame,\n"
+        f"#   {calibration.about_position}.\n"
         "# timeshift_cam_imu: t_body = t_cam + shift [s].\n"
         f"cam0:\n  T_cam_imu:\n{rows}\n  timeshift_cam_imu: {_number(calibration.offset)}\n"
     )
@@ -212,29 +275,34 @@ def _to_kalibr(calibration: StoredCalibration) -> str:
 def _to_ros_tf(calibration: StoredCalibration) -> str:
     w, x, y, z = matrix_to_quaternion(calibration.R_body_cam)
     numbers = ", ".join(_number(q) for q in (x, y, z, w))
+    place = [_number(value) for value in calibration.translation]
+    options = " ".join(f"--{name} {value}" for name, value in zip("xyz", place, strict=True))
     return (
         "# Transform of the camera's optical frame in the body frame: p_body = R p_cam.\n"
-        "# The translation is not observed and written as zero.  As a command:\n"
-        "#   ros2 run tf2_ros static_transform_publisher"
+        f"# Of the translation, {calibration.about_position}.\n"
+        "# As a command:\n"
+        f"#   ros2 run tf2_ros static_transform_publisher {options}"
         f" --qx {_number(x)} --qy {_number(y)} --qz {_number(z)} --qw {_number(w)}"
         " --frame-id base_link --child-frame-id camera_optical_frame\n"
         "# time_offset_s: t_body = t_cam + offset; tf has no place for it.\n"
         "frame_id: base_link\nchild_frame_id: camera_optical_frame\n"
-        f"translation: [0.0, 0.0, 0.0]\nrotation_xyzw: [{numbers}]\n"
+        f"translation: [{', '.join(place)}]\nrotation_xyzw: [{numbers}]\n"
         f"time_offset_s: {_number(calibration.offset)}\n"
     )
 
 
 def _to_urdf(calibration: StoredCalibration) -> str:
     rpy = " ".join(_number(a) for a in matrix_to_rpy(calibration.R_body_cam))
+    xyz = " ".join(map(_number, calibration.translation))
     return (
         "<!-- Pose of the camera's optical frame in the body frame: p_body = R p_cam, with\n"
-        "     R = Rz(yaw) Ry(pitch) Rx(roll).  The translation is not observed and written as\n"
-        f"     zero.  Time offset: t_body = t_cam + {_number(calibration.offset)} s. -->\n"
+        "     R = Rz(yaw) Ry(pitch) Rx(roll).  Of the translation,\n"
+        f"     {calibration.about_position}.\n"
+        f"     Time offset: t_body = t_cam + {_number(calibration.offset)} s. -->\n"
         '<joint name="camera_optical_joint" type="fixed">\n'
         '  <parent link="base_link"/>\n'
         '  <child link="camera_optical_frame"/>\n'
-        f'  <origin xyz="0 0 0" rpy="{rpy}"/>\n'
+        f'  <origin xyz="{xyz}" rpy="{rpy}"/>\n'
         "</joint>\n"
     )
 
@@ -244,10 +312,12 @@ def _from_urdf(path: str | Path) -> StoredCalibration:
     text = read_text(path, LARGEST_YAML)
     found = re.search(r'rpy="([^"]+)"', text)
     offset = re.search(r"t_body = t_cam \+ (\S+) s", text)
-    if found is None or offset is None:
+    place = re.search(r'xyz="([^"]+)"', text)
+    if found is None or offset is None or place is None:
         raise InputError(f"{path} is no urdf file of ours")
     angles = [float(x) for x in found.group(1).split()]
-    return _stored(rpy_matrix(angles), offset.group(1), path)
+    stored = _stored(rpy_matrix(angles), offset.group(1), path)
+    return replace(stored, position=_numbers(place.group(1).split(), math.nan, path))
 
 
 def _number(value: float) -> str:
@@ -266,6 +336,12 @@ def _stored(matrix: Any, offset: Any, path: str | Path) -> StoredCalibration:
     if not (off < 1e-6 and np.linalg.det(R) > 0 and np.isfinite(shift)):
         raise InputError(f"{path}: R_body_cam must be a 3 x 3 rotation and the offset finite")
     return StoredCalibration(R, shift)
+
+
+def _position_rows(calibration: Calibration) -> list[str]:
+    if not isinstance(calibration, RefinedCalibration):
+        return []
+    return [f"Position   of the camera in the body frame: {position_text(calibration)}"]
 
 
 def summary_text(calibration: Calibration) -> str:
@@ -290,6 +366,7 @@ def summary_text(calibration: Calibration) -> str:
         + ("" if calibration.rotation_observable else ", if the rotation were known"),
         offset,
         "           t_body = t_cam + offset",
+        *_position_rows(calibration),
         f"Headings   {used} used, {100 * mixture.inliers:.0f} % inliers,"
         f" noise {math.degrees(mixture.sigma):.2f} deg per axis",
         "",

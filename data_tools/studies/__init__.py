@@ -56,6 +56,9 @@ STUDIES = {
     "campaign": "whether results are silently wrong where the model is",
     "lag": "how late the events' headings are",
     "repeat": "whether `evcalib repeat` tells runs that agree from one that is off",
+    "conditions": "what each thing that is not ideal costs, one at a time",
+    "mixtures": "what is left of it on an indoor robot, outdoors, at dusk and in the dark",
+    "turning": "rotation, offset and position of cameras on vehicles that turn",
 }
 """Names of the studies, and what they ask."""
 

@@ -132,6 +132,7 @@ KEYS: dict[str, Callable[[Any, Path], Any]] = {
     "max_offset": _number(0, "a positive number of seconds", above=True),
     "offset": _number(-math.inf, "a number of seconds"),
     "camera_position": _position,
+    "camera_height": _number(-math.inf, "a number of metres"),
     "refinement": _one_of("tracks", "none"),
     "max_slip": _number(0, "a speed in m/s, not negative"),
     "max_yaw_rate": _number(0, "a rate in rad/s, not negative"),

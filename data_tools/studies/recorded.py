@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from data_tools.runs.calibrate import MAX_YAW_RATE
 from data_tools.simulation.recorded_drive import ROUGH, VEHICLE, Disturbances, record_drive
 from data_tools.studies._engine.study import Cell, Row, Study
 from evcalib.geometry import rotation_angle
@@ -44,7 +43,7 @@ def trial(parameters: Mapping[str, Any], seed: np.random.SeedSequence) -> list[R
         mounting=str(rng.choice(["forward", "sideways", "down"], p=[0.6, 0.2, 0.2])),
         disturbances=ROUGH if parameters["rough"] else Disturbances(),
     )
-    body = body_velocities(drive.wheels, VEHICLE, max_yaw_rate=MAX_YAW_RATE)
+    body = body_velocities(drive.wheels, VEHICLE)
     run = calibrate(drive.simulator.stream(threads=1), drive.simulator.camera, body)
     found = run.calibration
     low, high = found.offset_interval

@@ -40,6 +40,12 @@ SPREAD_MORE = (
 )
 
 
+TURN_OTHERWISE = (
+    "Drive figure-eights or a slalom at a changing speed, turning to either side: constant circles"
+    " and turns in place hide the rest."
+)
+
+
 @dataclass(frozen=True, eq=False)
 class Diagnostics(Shown):
     """What the verdict rests on.
@@ -74,6 +80,8 @@ class Diagnostics(Shown):
         Whether the best offset lies on the border of the search.
     sharp_turns : bool
         Whether the motion has instant turns, so that errors are bootstrapped.
+    turning_counted : bool
+        Whether rotation and error bars take account of the turning of the body.
     """
 
     heading_rate_z: float
@@ -90,6 +98,7 @@ class Diagnostics(Shown):
     body_turns: float
     at_edge: bool
     sharp_turns: bool
+    turning_counted: bool = False
 
 
 @dataclass(frozen=True)
@@ -178,6 +187,11 @@ def _about_offset(diagnostics: Diagnostics, offset: OffsetAnswer, rotation: bool
 def _about_axis(diagnostics: Diagnostics, unknown_axis: Floats | None) -> Said:
     if unknown_axis is None:
         return [], []
+    if diagnostics.turning_counted and diagnostics.body_turns > MAX_TURNING:
+        return [
+            f"The motion does not show the rotation about {axis_name(unknown_axis)}: the body turns"
+            " always alike, or about one point."
+        ], [TURN_OTHERWISE]
     return [
         f"The directions of travel spread by only {np.degrees(diagnostics.spread.spread):.1f} deg"
         f" (rms) around {axis_name(diagnostics.spread.axis)}, so the rotation about"
@@ -186,12 +200,12 @@ def _about_axis(diagnostics: Diagnostics, unknown_axis: Floats | None) -> Said:
 
 
 def _about_body(diagnostics: Diagnostics) -> Said:
-    if diagnostics.body_turns <= MAX_TURNING:
+    if diagnostics.turning_counted or diagnostics.body_turns <= MAX_TURNING:
         return [], []
     return [
         f"The body turns at {diagnostics.body_turns:.2f} rad/s (rms): a camera away from its"
         " origin then moves in another direction, which these error bars do not count."
-    ], ["Remove the rows that turn (evcalib velocities --max-yaw-rate)."]
+    ], ["Calibrate from the recording itself (evcalib calibrate): that takes account of turning."]
 
 
 def _about_shares(diagnostics: Diagnostics) -> Said:

@@ -140,20 +140,10 @@ class Prediction(Shown):
             found.append(TURN_BOTH_WAYS)
         return tuple(found)
 
-    @property
-    def caution(self) -> str:
-        """What `evcalib.calibrate` does not make of such a drive yet; nothing if there is none."""
-        return NOT_USED if self.turns else ""
-
 
 TURN_BOTH_WAYS = (
     "Drive curves to both sides at changing speed (figure-eights), turning by 90 deg and more: a"
     " constant circle takes the camera's position for a rotation."
-)
-
-NOT_USED = (
-    "This is what the sightings hold; evcalib calibrate does not use turning to find the position"
-    " yet, and leaves out rows that turn faster than 0.5 rad/s: keep the heading while you record."
 )
 
 
@@ -208,7 +198,7 @@ def predict(
     Cramer & Rao's bound of what `evcalib.joint.refine_jointly` fits, for a camera about where
     `viewing` has it.  The rotation is known to half a turn beforehand, the offset to the width of
     the search, the position to a metre.  Without a yaw rate the body is taken to keep its heading,
-    nearly.  Of bodies that turn see `Prediction.caution`.
+    nearly.
     """
     checks.instance(velocities, "velocities", VelocitySeries)
     checks.positive(max_offset, "max_offset", "seconds")

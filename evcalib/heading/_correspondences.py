@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,12 +13,15 @@ from evcalib.heading._matches import KeyframeMatches
 MOST = 400_000
 """Most correspondences that are kept; 16 s of lively motion give about as many."""
 
+NO_HEADING = -1
+"""In place of the row of a heading, for matches of windows that have none."""
+
 _ODD = np.uint64(0x9E3779B97F4A7C15)
 
 
 @dataclass(frozen=True, eq=False)
 class Correspondences:
-    """Matches behind the headings.  Every keyframe pair appears once.
+    """Matches of all windows, with a heading or without.  Every keyframe pair appears once.
 
     Of long recordings only every second corner is kept, or every fourth, and so on, with all
     matches that start there.
@@ -34,7 +37,7 @@ class Correspondences:
     pair : ndarray of int64, shape (n,)
         Number of the keyframe pair, from 0.
     heading : ndarray of int64, shape (n,)
-        Row of the heading.
+        Row of the heading; -1 where the window has none, as where the camera turns.
     """
 
     r1: Floats
@@ -47,6 +50,10 @@ class Correspondences:
 
     def __len__(self) -> int:
         return int(self.t1.size)
+
+    def select(self, chosen: Flags) -> Correspondences:
+        """Return some of them, by a mask."""
+        return Correspondences(*(getattr(self, f.name)[chosen] for f in fields(self)))
 
 
 class CorrespondenceKeeper:

@@ -6,7 +6,9 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from typing import Generic, TypeVar
 
-from evcalib.heading._correspondences import CorrespondenceKeeper
+import numpy as np
+
+from evcalib.heading._correspondences import NO_HEADING, CorrespondenceKeeper
 from evcalib.heading._keyframes import Counts, Numbered
 from evcalib.heading._matches import KeyframeMatches
 from evcalib.heading._options import HeadingOptions
@@ -88,13 +90,17 @@ class HeadingWindows(Generic[K]):
         found = fit(matches, self._options, self._focal)
         if isinstance(found, Fit) and self._found and found.t <= self._found[-1].t:
             found = NOT_NEWER
-        if isinstance(found, str):
-            self._gaps.append(Gap(t, found))
-            return
         if self._kept is not None:
             # Each pair belongs to the window whose middle is nearest, or just before.
             own = matches.middle // 2 == centre
-            self._kept.add(matches[own], found.agreeing[own], len(self._found))
+            none = np.zeros(int(own.sum()), dtype=np.bool_)
+            if isinstance(found, str):
+                self._kept.add(matches[own], none, NO_HEADING)
+            else:
+                self._kept.add(matches[own], found.agreeing[own], len(self._found))
+        if isinstance(found, str):
+            self._gaps.append(Gap(t, found))
+            return
         self._on_heading(self._keyframes, matches, found)
         self._found.append(Found.of(found))
 

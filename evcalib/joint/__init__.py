@@ -1,6 +1,7 @@
-"""All observations of all corners to rotation and offset at once."""
+"""All observations of all corners to rotation, offset and position at once."""
 
 from evcalib._moved import leftovers
+from evcalib.joint._global_start import Start, global_start
 from evcalib.joint._model_checks import SURE
 from evcalib.joint._refine import refine_jointly
 from evcalib.joint._result import SYSTEMATIC, JointRefinement, Systematic
@@ -11,7 +12,9 @@ __all__ = [
     "SURE",
     "SYSTEMATIC",
     "JointRefinement",
+    "Start",
     "Systematic",
+    "global_start",
     "refine_jointly",
 ]
 

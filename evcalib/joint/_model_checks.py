@@ -150,13 +150,16 @@ def without_drift(
 
 
 def _directions(problem: Problem, fit: Fit) -> Floats:
-    """Return the angle of travel in the body frame as each group starts [rad]."""
+    """Return the angle of the camera's travel in the body frame as each group starts [rad]."""
     motion = problem.motion
     at = problem.tracks.start[0] + group_times(problem, fit) + fit.offset
-    x, y, turned = (
-        np.interp(at, motion.t, values) for values in (*motion.velocity.T[:2], motion.yaw)
+    rate = np.gradient(motion.yaw, motion.t)
+    x, y, turned, rate = (
+        np.interp(at, motion.t, values) for values in (*motion.velocity.T[:2], motion.yaw, rate)
     )
-    return np.asarray(np.arctan2(y, x) - turned)
+    c, s = np.cos(turned), np.sin(turned)
+    p, q = fit.position[:2]
+    return np.arctan2(c * y - s * x + rate * p, c * x + s * y - rate * q)
 
 
 def _modulated(

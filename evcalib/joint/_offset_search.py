@@ -9,7 +9,7 @@ import numpy as np
 from evcalib.alignment import MIN_OVERLAP
 from evcalib.alignment.offset import OffsetCurve, second_peak_ratio
 from evcalib.arrays import Flags, Floats, Integers
-from evcalib.joint._solver import Problem, begin, linearise, step
+from evcalib.joint._solver import LAG, OFFSET, Problem, begin, linearise, step
 
 MOST_SEARCHED = 6_000
 """Observations that enter the search over all offsets.  A choice of speed: the fit begins at its
@@ -99,15 +99,24 @@ def _reach(more: Floats, gate: Floats, known: Flags) -> float:
 
 
 def search_offsets(
-    problem: Problem, R: Floats, offsets: Floats, loss_scale: float, most: int = MOST_SEARCHED
+    problem: Problem,
+    R: Floats,
+    offsets: Floats,
+    loss_scale: float,
+    free: Flags,
+    most: int = MOST_SEARCHED,
 ) -> Search | None:
-    """Compare offsets by the losses of some tracks at each, with the best rotation there."""
+    """Compare offsets by the losses of some tracks at each.
+
+    With the best rotation there, and the best position if it is among the `free` unknowns.
+    """
     tracks, t = problem.tracks.thinned(most), problem.motion.t
     covered = np.add.outer(tracks.start, offsets) >= t[0]
     covered &= np.add.outer(tracks.end, offsets) <= t[-1]
     if covered.sum(axis=0).max() < FEWEST:
         return None
-    part, free = problem.part(tracks), np.array([True, True, True, False, False])
+    part, free = problem.part(tracks), free.copy()
+    free[[OFFSET, LAG]] = False
     losses = np.full(covered.shape, np.nan)
     for k, offset in enumerate(offsets):
         if not covered[:, k].any():

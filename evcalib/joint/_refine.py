@@ -1,4 +1,4 @@
-"""Rotation and offset from all observations of all corners at once.
+"""Rotation, offset and position from all observations of all corners at once.
 
 Headings tell only which way the camera went.  A corner that is seen again and again tells more: by
 how much further it moves from one observation to the next, up to its unknown distance.  So not only
@@ -7,15 +7,17 @@ turns of the motion show the offset, but every change of speed.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from evcalib.alignment.offset import candidate_offsets
-from evcalib.arrays import Floats
+from evcalib.arrays import Flags, Floats
 from evcalib.checks import instance, positive
 from evcalib.joint import _model_checks as checks
 from evcalib.joint._offset_search import FEWEST, GATE, Search, curve_of, search_offsets
 from evcalib.joint._result import SYSTEMATIC, JointRefinement, Systematic
-from evcalib.joint._solver import Fit, Problem, covariance_of, solve
+from evcalib.joint._solver import LAG, OFFSET, POSITION, Fit, Problem, covariance_of, solve
 from evcalib.joint._world_motion import jump_floor, world_motion, yaw_rate_error
 from evcalib.joint.tracks import Tracks
 from evcalib.kinematics.velocity_track import VelocityTrack
@@ -37,6 +39,10 @@ SLOWEST = 2.0
 """Flow [px/s] below which a corner has no direction to trail along.  A choice: noise of 0.3 px over
 a track of 0.4 s is a flow of 1 px/s."""
 
+REACH = 1.0
+"""Standard deviation of the camera's place on the body before anything is seen [m].  A choice:
+larger than most bodies; where nothing tells more, it is what is stated."""
+
 NEAR = np.arange(-6, 7) * 0.01
 """Offsets [s] around the optimum at which its sharpness is measured.  A choice: where an end
 lies outside, the wide search counts too."""
@@ -54,8 +60,9 @@ def refine_jointly(
     max_offset: float = 1.0,
     systematic: Systematic = SYSTEMATIC,
     lever: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    estimate_position: bool = False,
 ) -> JointRefinement | None:
-    """Refine rotation and offset on all observations of all corners.
+    """Refine rotation, offset and position on all observations of all corners.
 
     Each observation has its own time, the odometry is integrated from the first one to it, its yaw
     included, and the distance of each corner is solved for along with the rest.  The loss is
@@ -85,6 +92,9 @@ def refine_jointly(
         What is known of errors that all observations share.
     lever : tuple of float
         Position of the camera in the body frame [m].
+    estimate_position : bool
+        Take x and y of it as a start only.  A body that does not turn does not show them: their
+        standard deviation is then a metre and more.
 
     Returns
     -------
@@ -114,9 +124,10 @@ def refine_jointly(
     if len(tracks) < FEWEST:
         return None
     problem = _problem(tracks, velocities, track, focal, systematic, lever)
-    free, widest = np.array([True, True, True, estimate_offset, True]), WIDEST / focal
+    free = np.repeat([True, estimate_offset, True, estimate_position], [3, 1, 1, 2])
+    widest = WIDEST / focal
     grid = candidate_offsets(max_offset)
-    start = _start(problem, R_body_cam, grid[::4], widest) if estimate_offset else offset
+    start = _start(problem, R_body_cam, grid[::4], widest, free) if estimate_offset else offset
     fit = None if start is None else solve(problem, R_body_cam, start, free, widest)
     if fit is None:
         return None
@@ -124,17 +135,19 @@ def refine_jointly(
     problem, fit, drift = checks.without_drift(problem, fit, free, widest)
     covariance, samples = covariance_of(problem, fit, free)
     covariance[:3, :3] += systematic.rotation_sd**2 * np.eye(3)
-    search = None
+    search, told = None, np.r_[: OFFSET + 1, POSITION]
     if estimate_offset:
-        search, width = _sharpness(problem, fit, grid[::2])
-        sd = max(float(np.sqrt(covariance[3, 3])), 0.5 * width / GATE, jump_floor(track))
-        covariance[3, 3] = sd**2 + systematic.time_sd**2
+        search, width = _sharpness(problem, fit, grid[::2], free)
+        sd = np.sqrt(covariance[OFFSET, OFFSET])
+        sd = max(float(sd), 0.5 * width / GATE, jump_floor(track))
+        covariance[OFFSET, OFFSET] = sd**2 + systematic.time_sd**2
     return JointRefinement(
         R_body_cam=fit.R,
         offset=fit.offset,
         lag=fit.lag * focal,
-        lag_sd=float(np.sqrt(covariance[4, 4])) * focal,
-        covariance=covariance[:4, :4],
+        lag_sd=float(np.sqrt(covariance[LAG, LAG])) * focal,
+        position=fit.position,
+        covariance=covariance[np.ix_(told, told)],
         samples=samples,
         noise=fit.noise * focal,
         inlier_share=float(np.mean(fit.weights > 0)),
@@ -166,6 +179,7 @@ def _problem(
         tracks.group,
         world_motion(velocities, track),
         lever,
+        REACH,
         slowest=SLOWEST / focal,
         lag=systematic.lag / focal,
         lag_sd=systematic.lag_sd / focal,
@@ -173,20 +187,26 @@ def _problem(
     )
 
 
-def _start(problem: Problem, R: Floats, offsets: Floats, widest: float) -> float | None:
+def _start(
+    problem: Problem, R: Floats, offsets: Floats, widest: float, free: Flags
+) -> float | None:
     """Return the offset that fits best under the widest loss; None with too few tracks."""
-    wide = search_offsets(problem, R, offsets, widest)
+    wide = search_offsets(problem, R, offsets, widest, free)
     return None if wide is None else float(wide.offsets[np.nanargmin(wide.mean)])
 
 
-def _sharpness(problem: Problem, fit: Fit, offsets: Floats) -> tuple[Search | None, float]:
+def _sharpness(
+    problem: Problem, fit: Fit, offsets: Floats, free: Flags
+) -> tuple[Search | None, float]:
     """Return the search under the final loss, and the width of the offsets that fit as well [s].
 
     The final loss is far narrower than that of the start: other answers stand out.
     """
-    wide = search_offsets(problem, fit.R, offsets, fit.loss_scale)
-    near = search_offsets(problem, fit.R, np.asarray(fit.offset + NEAR), fit.loss_scale, MOST_NEAR)
-    return wide, _width(near, wide, fit.offset)
+    problem = replace(problem, lever=tuple(fit.position))
+    wide = search_offsets(problem, fit.R, offsets, fit.loss_scale, free)
+    near = np.asarray(fit.offset + NEAR)
+    close = search_offsets(problem, fit.R, near, fit.loss_scale, free, MOST_NEAR)
+    return wide, _width(close, wide, fit.offset)
 
 
 def _width(near: Search | None, wide: Search | None, offset: float) -> float:

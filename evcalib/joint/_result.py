@@ -44,7 +44,7 @@ SYSTEMATIC = Systematic()
 @renamed_fields(sightings="observations")
 @dataclass(frozen=True, eq=False)
 class JointRefinement(Shown):
-    """Rotation and offset from all tracks.
+    """Rotation, offset and position from all tracks.
 
     Attributes
     ----------
@@ -56,9 +56,11 @@ class JointRefinement(Shown):
         How far corners trail [px].
     lag_sd : float
         Its standard deviation [px].
-    covariance : ndarray, shape (4, 4)
-        Of the rotation vector in the body frame [rad] and of the offset [s], the lag's uncertainty
-        and the dependence of observations counted in.
+    position : ndarray, shape (3,)
+        Of the camera in the body frame [m]; z as it was given.
+    covariance : ndarray, shape (6, 6)
+        Of the rotation vector in the body frame [rad], the offset [s], and x and y [m], the lag's
+        uncertainty and the dependence of observations counted in; zeros for what was given.
     samples : float
         Stretches of motion that count as independent.
     noise : float
@@ -89,6 +91,7 @@ class JointRefinement(Shown):
     offset: float
     lag: float
     lag_sd: float
+    position: Floats
     covariance: Floats
     samples: float
     noise: float

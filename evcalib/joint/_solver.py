@@ -14,6 +14,7 @@ from evcalib.kernels.joint.observation_model import WorldMotion
 from evcalib.series import bins
 
 OFFSET, LAG, YAW_RATE = 3, kernel.LAG, kernel.YAW_RATE
+POSITION = slice(kernel.POSITION, kernel.POSITION + 2)
 
 LOSS_SCALE = 5.0
 """Scale of Tukey's loss in standard deviations of an observation, per axis.
@@ -39,15 +40,19 @@ SMALL = 5e-6
 """Largest of the last steps [rad, s]: a hundredth of what the data can tell.  A drive and the same
 one backwards in time then agree to 0.2 mrad (tests/test_invariances.py)."""
 
+NEAR = 1e-4
+"""Largest of the last steps of the position [m]: a hundredth of what the data can tell, too."""
+
 FARTHEST = 0.3
-"""Largest step [rad, s].  A choice: so far a linearisation still points the right way."""
+"""Largest step [rad, s, m].  A choice: so far a linearisation still points the right way."""
 
 
 @dataclass(frozen=True, eq=False)
 class Problem:
     """What stays the same in a fit; lengths in radians, times in seconds.
 
-    `group` numbers the stretch of time that each track starts in; `yaw_rate_sd` is how far the yaw
+    `group` numbers the stretch of time that each track starts in; `lever` is where the camera is
+    expected on the body, by `lever_sd` sure, if that is unknown; `yaw_rate_sd` is how far the yaw
     rate of the odometry may be off over a track.
     """
 
@@ -55,6 +60,7 @@ class Problem:
     group: Integers
     motion: WorldMotion
     lever: tuple[float, float, float]
+    lever_sd: float
     slowest: float
     lag: float
     lag_sd: float
@@ -72,6 +78,7 @@ class Fit:
     R: Floats
     offset: float
     lag: float
+    position: Floats
     yaw_rate_bias: Floats
     loss_scale: float
     residuals: Floats
@@ -92,6 +99,7 @@ def begin(problem: Problem, R: Floats, offset: float, loss_scale: float) -> Fit:
         R=np.ascontiguousarray(R),
         offset=offset,
         lag=problem.lag,
+        position=np.array(problem.lever),
         yaw_rate_bias=np.zeros(groups),
         loss_scale=loss_scale,
         residuals=np.zeros((n, 2)),
@@ -109,9 +117,9 @@ def linearise(problem: Problem, fit: Fit) -> None:
     fit.information = kernel.linearise(
         kernel.Observations(t.first, problem.group, t.r1, t.r2, t.t1, t.t2),
         fit.R,
-        kernel.Unknowns(fit.offset, fit.lag, fit.yaw_rate_bias),
+        kernel.Unknowns(fit.offset, fit.lag, tuple(fit.position), fit.yaw_rate_bias),
         problem.motion,
-        kernel.Options(fit.loss_scale, problem.slowest, problem.lever),
+        kernel.Options(fit.loss_scale, problem.slowest),
         kernel.Linearisation(fit.residuals, fit.weights, fit.distances, fit.gradients, fit.losses),
     )
 
@@ -120,8 +128,8 @@ def linearise(problem: Problem, fit: Fit) -> None:
 class Reduced:
     """The equations without the yaw-rate biases, solved for group by group (Schur complement).
 
-    `parts` (groups, 5, 5), their sum `information` (5, 5), and `gradients` (groups, 5) of the other
-    unknowns, the lag's prior left out; `gain` (groups, 5) and `own` (groups,) give a group's bias:
+    `parts` (groups, 7, 7), their sum `information` (7, 7), and `gradients` (groups, 7) of the other
+    unknowns, their priors left out; `gain` (groups, 7) and `own` (groups,) give a group's bias:
     -own - gain . change.
     """
 
@@ -165,21 +173,31 @@ def step(problem: Problem, fit: Fit, free: Flags) -> Floats | None:
     change = np.zeros(YAW_RATE)
     change[free] = -(part @ ((part.T @ (gradient[free] / scale)) / values[known])) / scale
     # What the tracks do not hold must not run away.
-    change *= min(1.0, FARTHEST / max(float(np.abs(change[: OFFSET + 1]).max()), 1e-300))
+    largest = max(np.abs(change[: OFFSET + 1]).max(), np.abs(change[POSITION]).max())
+    change *= min(1.0, FARTHEST / max(float(largest), 1e-300))
     fit.R = rotation_vector_to_matrix(change[:3]) @ fit.R
     fit.offset += float(change[OFFSET])
     fit.lag += float(change[LAG])
+    fit.position[:2] += change[POSITION]
     fit.yaw_rate_bias -= reduced.own + reduced.gain @ change
     return change
 
 
 def _posterior(problem: Problem, fit: Fit, reduced: Reduced) -> tuple[Floats, Floats]:
-    """Return information and gradient with the lag's prior."""
+    """Return information and gradient with the priors of lag and position."""
     information, gradient = reduced.information.copy(), reduced.gradients.sum(axis=0)
-    weight = (max(fit.noise, 1e-6) / problem.lag_sd) ** 2
-    information[LAG, LAG] += weight
-    gradient[LAG] += weight * (fit.lag - problem.lag)
+    weight = (max(fit.noise, 1e-6) / _prior_sd(problem)) ** 2
+    information += np.diag(weight)
+    gradient[LAG] += weight[LAG] * (fit.lag - problem.lag)
+    gradient[POSITION] += weight[POSITION] * (fit.position[:2] - problem.lever[:2])
     return information, gradient
+
+
+def _prior_sd(problem: Problem) -> Floats:
+    """Return the standard deviation of what is expected of each unknown, inf where nothing is."""
+    sd = np.full(YAW_RATE, np.inf)
+    sd[LAG], sd[POSITION] = problem.lag_sd, problem.lever_sd
+    return sd
 
 
 def _noise(problem: Problem, fit: Fit) -> float:
@@ -205,6 +223,7 @@ def solve(problem: Problem, R: Floats, offset: float, free: Flags, widest: float
         if change is None:
             return None
         small = bool(np.abs(change[: OFFSET + 1]).max() < SMALL)
+        small &= bool(np.abs(change[POSITION]).max() < NEAR)
         if k >= 3 and small:
             wanted = float(np.clip(LOSS_SCALE * fit.noise, 0.25 * widest, widest))
             fit.converged = wanted > 0.9 * fit.loss_scale
@@ -219,16 +238,19 @@ def solve(problem: Problem, R: Floats, offset: float, free: Flags, widest: float
 
 
 def covariance_of(problem: Problem, fit: Fit, free: Flags) -> tuple[Floats, float]:
-    """Return the covariance (5, 5) and how many stretches of motion count as independent."""
+    """Return the covariance (7, 7) and how many stretches of motion count as independent."""
     reduced = Reduced.of(problem, fit)
     information, _ = _posterior(problem, fit, reduced)
     scatter, samples = long_run(problem, fit, reduced.gradients)
-    scatter[LAG, LAG] += (fit.noise**2 / problem.lag_sd) ** 2
+    scatter += np.diag((fit.noise**2 / _prior_sd(problem)) ** 2)
     # Four unknowns were fitted to two numbers, a direction, per stretch.
     lost = max(1.0 - 2.0 / samples, 0.25)
-    inverse = np.zeros((YAW_RATE, YAW_RATE))
-    inverse[np.ix_(free, free)] = np.linalg.pinv(
-        information[np.ix_(free, free)], rcond=1e-12, hermitian=True
+    inverse, chosen = np.zeros((YAW_RATE, YAW_RATE)), np.ix_(free, free)
+    # Units differ: a prior of the position must not pass for rounding beside the rotation.
+    size = np.sqrt(np.maximum(np.diag(information)[free], 1e-300))
+    scale = np.outer(size, size)
+    inverse[chosen] = (
+        np.linalg.pinv(information[chosen] / scale, rcond=1e-12, hermitian=True) / scale
     )
     return inverse @ scatter @ inverse / (lost * slope_of_loss(fit) ** 2), samples
 

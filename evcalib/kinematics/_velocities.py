@@ -118,8 +118,8 @@ def body_velocities(
     max_slip : float, optional
         Remove rows whose slip [m/s] is larger.
     max_yaw_rate : float, optional
-        Remove rows that turn faster [rad/s], either way.  A camera away from the body's origin
-        then sees another velocity than the origin's: the paper assumes there is no rotation.
+        Remove rows that turn faster [rad/s], either way, for methods that assume, as the paper
+        does, that there is no rotation; `evcalib.calibrate` needs none left out.
 
     Returns
     -------

@@ -123,14 +123,15 @@ def velocity_track(
     Raises
     ------
     InputError
-        If there are too few samples, or the vehicle never moves.
+        If there are too few samples, or the vehicle neither moves nor turns.
     """
     checks.instance(velocities, "velocities", VelocitySeries)
     t, v = velocities.t, velocities.v
     if t.size < 2:
         raise InputError(f"velocities: at least 2 rows are needed, not {t.size}")
     top = _top_speed(velocities.speed)
-    if velocities.speed.max() == 0 or (min_speed is None and top == 0):
+    stands = velocities.speed.max() == 0 or (min_speed is None and top == 0)
+    if stands and velocities.turning == 0:
         raise InputError("velocities: the vehicle does not move (all, or nearly all, are zero)")
     gap = 5 * float(np.median(np.diff(t))) if max_gap is None else max_gap
     checks.positive(gap, "max_gap", "seconds")

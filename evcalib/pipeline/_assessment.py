@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
@@ -24,9 +24,11 @@ from evcalib.alignment.observability import (
 from evcalib.alignment.registration import Residuals, Solution
 from evcalib.alignment.verdict import Verdict, judge
 from evcalib.arrays import Floats
+from evcalib.display import Rows
 from evcalib.joint import SURE, JointRefinement
 from evcalib.kinematics.velocity_track import VelocityTrack
-from evcalib.series import HeadingSeries
+from evcalib.pipeline._turning import yaw_rate_changes
+from evcalib.series import HeadingSeries, VelocitySeries
 from evcalib.uncertainty import UNKNOWN, rotation_sd, t_quantile
 
 ENOUGH = 0.3
@@ -51,9 +53,53 @@ class RefinedCalibration(Calibration):
     ----------
     joint : JointRefinement, optional
         The refinement; None where there was none, or it was not believed.
+    position : ndarray, shape (3,)
+        Where the camera sits in the body frame [m]: as the turning of the body shows it, else as it
+        was given, else NaN.  No motion in a plane shows z.
+    position_sd : ndarray, shape (3,)
+        Standard deviations [m]; inf where the motion shows nothing.
+    position_observable : tuple of bool
+        Whether the motion determines x and y.
+    unknowns : tuple of Unknown
+        Rotation, offset, x, y and z: each with its error bar, why it is known or not, and what
+        motion would tell.
     """
 
     joint: JointRefinement | None = None
+    position: Floats = field(default_factory=lambda: np.full(3, np.nan))
+    position_sd: Floats = field(default_factory=lambda: np.full(3, np.inf))
+    position_observable: tuple[bool, bool] = (False, False)
+    unknowns: tuple[Any, ...] = ()
+
+    @property
+    def covariance(self) -> Floats:
+        """Covariance (6, 6) of rotation vector [rad], offset [s], x and y [m].
+
+        Diagonals are those of the error bars, inf where nothing is known; correlations are those
+        that the refinement found.
+        """
+        sd = np.sqrt(np.append(np.diag(self.rotation_covariance), self.offset_sd**2))
+        sd = np.append(sd, self.position_sd[:2])
+        correlation = np.eye(6)
+        if self.joint is not None:
+            own = np.sqrt(np.diag(self.joint.covariance))
+            scale = np.where(own > 0, own, np.inf)
+            correlation = self.joint.covariance / np.outer(scale, scale)
+            correlation[np.diag_indices(6)] = 1.0
+        known = np.isfinite(sd)
+        out = np.diag(sd**2)
+        block = np.ix_(known, known)
+        out[block] = correlation[block] * np.outer(sd[known], sd[known])
+        out[:3, :3] = self.rotation_covariance
+        return out
+
+    def _shown_rows(self) -> Rows:
+        """Return the rows of a calibration, and the position."""
+        own = {"position", "position_sd", "position_observable", "unknowns"}
+        rows = [row for row in super()._shown_rows() if row[0] not in own]
+        names = [row[0] for row in rows]
+        at = names.index("mounting") + 1 if "mounting" in names else len(rows)
+        return [*rows[:at], ("position", position_text(self)), *rows[at:]]
 
     @property
     def samples(self) -> float:
@@ -69,25 +115,59 @@ class RefinedCalibration(Calibration):
         return cls(**{**kept, **changes})
 
 
-def offset_observable(joint: JointRefinement, track: VelocityTrack, max_offset: float) -> bool:
+def position_text(found: RefinedCalibration) -> str:
+    """Return the camera's position in words, a coordinate each.
+
+    Parameters
+    ----------
+    found : RefinedCalibration
+        With its position.
+
+    Returns
+    -------
+    str
+        Value and standard deviation, or "as given", or "not seen".
+    """
+    words = []
+    for name, value, sd, seen in zip(
+        "xyz", found.position, found.position_sd, (*found.position_observable, False), strict=True
+    ):
+        if seen:
+            words.append(f"{name} {value:+.3f} +- {sd:.3f} m (sd)")
+        elif np.isfinite(value):
+            words.append(f"{name} {value:+.3f} m as given")
+        else:
+            words.append(f"{name} not seen")
+    return ", ".join(words)
+
+
+def offset_observable(
+    joint: JointRefinement,
+    track: VelocityTrack,
+    max_offset: float,
+    velocities: VelocitySeries | None = None,
+) -> bool:
     """Tell whether the tracks determine the offset: one peak, inside the search, and sharp.
 
     And whether the motion changes at all: among many candidates of an unchanging one, noise of the
-    odometry makes one stand out.
+    odometry makes one stand out.  Of `velocities` the yaw rate may change, too.
     """
     if joint.curve is None or joint.curve.at_edge or joint.inlier_share < ENOUGH:
         return False
-    if not motion_changes(joint, track):
+    if not motion_changes(joint, track, velocities):
         return False
     widest = max_offset / 4
     sharp = float(np.sqrt(joint.covariance[3, 3])) < widest
     return sharp and one_answer(joint.plausible, joint.offset, widest)
 
 
-def motion_changes(joint: JointRefinement, track: VelocityTrack) -> bool:
+def motion_changes(
+    joint: JointRefinement, track: VelocityTrack, velocities: VelocitySeries | None = None
+) -> bool:
     """Tell whether speed, or the rate of turning, changes beyond the odometry's noise."""
     part = joint.span[0] + joint.offset, joint.span[1] + joint.offset
-    return max(heading_rate_test(track, *part), speed_test(track, *part)) >= RATE_GATE
+    yaw = 0.0 if velocities is None else yaw_rate_changes(velocities, track, *part)
+    return max(heading_rate_test(track, *part), speed_test(track, *part), yaw) >= RATE_GATE
 
 
 def finish(
@@ -96,6 +176,8 @@ def finish(
     headings: HeadingSeries,
     track: VelocityTrack,
     max_offset: float,
+    *,
+    turning: float = 0.0,
 ) -> RefinedCalibration:
     """Put a refinement that determines the offset in the place of the alignment's answer.
 
@@ -109,6 +191,9 @@ def finish(
         What was aligned; residuals and agreement are those of the headings at the refined values.
     max_offset : float
         Half width of the search [s].
+    turning : float
+        Yaw rate of the body [rad/s], rms, where turning leads: what it shows of the rotation, the
+        spread of directions does not tell.
 
     Returns
     -------
@@ -118,7 +203,7 @@ def finish(
     solution = Solution.at(StreamPair.of(headings, track), joint.offset, "tukey")
     spread = direction_spread(solution.residuals.direction, track)
     covariance = joint.covariance[:3, :3]
-    unknown = unknown_axis(covariance, spread)
+    unknown = unknown_axis(covariance, replace(spread, spread=np.pi) if turning else spread)
     if unknown is not None:
         covariance = covariance + UNKNOWN * np.outer(unknown, unknown)
     rotation = RotationAnswer(
@@ -148,9 +233,11 @@ def finish(
         agrees=True,
         at_edge=False,
         offset_matters=0.0,
+        body_turns=turning or aligned.diagnostics.body_turns,
+        turning_counted=True,
     )
     verdict = judge(diagnostics, offset, rotation)
-    how = _how(joint, diagnostics.heading_rate_z)
+    how = _how(joint, diagnostics.heading_rate_z, turning)
     return RefinedCalibration.of(
         offset,
         rotation,
@@ -184,8 +271,8 @@ def doubts_of(joint: JointRefinement, headings: HeadingSeries) -> tuple[str, ...
         )
     if joint.turning > TURNING:
         doubts.append(
-            f"The body turns by {np.degrees(joint.turning):.1f} deg/s (rms) that the odometry does"
-            " not tell."
+            f"The body turns by {np.degrees(joint.turning):.1f} deg/s (rms) that the odometry"
+            " does not tell."
         )
     return tuple(doubts)
 
@@ -229,8 +316,10 @@ def _residuals(before: Residuals, headings: HeadingSeries, R: Floats) -> Residua
     return replace(before, turned=turned, angle=angle)
 
 
-def _how(joint: JointRefinement, rate_z: float) -> str:
+def _how(joint: JointRefinement, rate_z: float, turning: float) -> str:
     shows = "the changes of speed" if rate_z < RATE_GATE else "turns and changes of speed"
+    if turning:
+        shows = "the turning of the body, and changes of speed"
     return (
         f"Refined on {joint.observations} sightings of {joint.tracks} corners"
         f" ({100 * joint.inlier_share:.0f} % followed, {joint.noise:.2f} px each): the offset shows"

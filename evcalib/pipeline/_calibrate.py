@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, nullcontext
 from dataclasses import asdict, replace
 from itertools import chain
 from typing import Any
@@ -17,16 +17,25 @@ from evcalib.alignment import Calibration, align, enough
 from evcalib.camera import Camera
 from evcalib.errors import InputError, NoAnswerError
 from evcalib.events import Events
+from evcalib.geometry import rotation_angle
 from evcalib.heading import HeadingEstimate, estimate_headings
-from evcalib.joint import SYSTEMATIC, Systematic, refine_jointly
+from evcalib.joint import SURE, SYSTEMATIC, JointRefinement, Systematic
 from evcalib.joint.tracks import tracks_of
 from evcalib.kinematics import MAX_REACH, BodyVelocities
-from evcalib.kinematics.velocity_track import velocity_track
+from evcalib.kinematics.velocity_track import VelocityTrack, velocity_track
 from evcalib.pipeline._assessment import RefinedCalibration, finish, keep, offset_observable
+from evcalib.pipeline._by_turning import Stage, by_turning
+from evcalib.pipeline._position import Told, positioned
+from evcalib.pipeline._refinement import Asked, Refiner
 from evcalib.pipeline._run import CalibrationRun, Gating, package_versions
+from evcalib.pipeline._turning import LEADS, turning_beyond_noise
 from evcalib.series import VelocitySeries, clocks_apart
 
 REFINEMENTS = ("tracks", "none")
+
+AWAY = np.radians(15.0)
+"""A start nearer than this [rad] to the alignment's rotation leads to the same refinement: a choice
+of half of what the refinement draws in."""
 
 STRANGE_LAG = 4.0
 """Standard deviations beyond which the lag of corners is not believed.
@@ -44,6 +53,7 @@ def calibrate(
     max_offset: float = 1.0,
     offset: float | None = None,
     camera_position: tuple[float, float, float] | None = None,
+    camera_height: float | None = None,
     refinement: str = "tracks",
     systematic: Systematic = SYSTEMATIC,
     surface: str = "tos_ts",
@@ -51,12 +61,13 @@ def calibrate(
     seed: int = 0,
     on_stage: Callable[[str], object] = lambda name: None,
 ) -> CalibrationRun:
-    """Find the time offset and the rotation between an event camera and a vehicle.
+    """Find time offset, rotation and position of an event camera on a vehicle.
 
     Headings are estimated from the events and aligned with the velocities (`evcalib.align`); then
     all observations of all corners refine offset and rotation at once
-    (`evcalib.joint.refine_jointly`).  Where the velocities have a yaw rate, the refinement takes
-    the turning of the camera into account.
+    (`evcalib.joint.refine_jointly`).  Where the body turns, headings do not hold: then a search
+    over all rotations and offsets starts the refinement (`evcalib.joint.global_start`), which
+    also finds where the camera sits; of the headings the turning is taken out afterwards.
 
     Parameters
     ----------
@@ -71,8 +82,11 @@ def calibrate(
     offset : float, optional
         Offset [s] to use where the motion does not determine it; 0 if not given.
     camera_position : tuple of float, optional
-        Where the camera sits in the body frame (x, y, z) [m].  When the body turns, a camera away
-        from its origin moves otherwise than the origin; taken to be at it if not given.
+        Where the camera sits in the body frame (x, y, z) [m], if it is known.  Turning of the body
+        shows x and y: if not given they are found, else they are compared.
+    camera_height : float, optional
+        Height z of the camera above the body's origin [m], which no motion in a plane shows, for
+        exports; not beside another z in `camera_position`.
     refinement : {"tracks", "none"}
         Whether to refine; ``none`` is the paper's chain.
     systematic : Systematic
@@ -110,13 +124,7 @@ def calibrate(
     checks.instance(velocities, "velocities", VelocitySeries, BodyVelocities)
     if isinstance(events, str | np.ndarray) or not isinstance(events, Iterable):
         checks.instance(events, "events", Events)
-    lever = checks.floats((0.0, 0.0, 0.0) if camera_position is None else camera_position,
-                          "camera_position", (3,))  # fmt: skip
-    if np.abs(lever).max() > MAX_REACH:
-        raise InputError(
-            f"camera_position {tuple(map(float, lever))} is over {MAX_REACH:g} m from the body's"
-            " origin; is it in metres (not millimetres)?"
-        )
+    told = _told(camera_position, camera_height)
     body = velocities.velocities if isinstance(velocities, BodyVelocities) else velocities
     timings: dict[str, float] = {}
     with _stage("headings", on_stage, timings):
@@ -128,21 +136,16 @@ def calibrate(
             seed=seed,
             keep_correspondences=True,
         )
-    final = calibrate_estimate(
+    final, estimate = _calibrated(
         estimate,
         body,
-        focal=camera.focal,
-        max_offset=max_offset,
-        offset=offset,
-        lever=tuple(lever),
-        refinement=refinement,
-        systematic=systematic,
-        seed=seed,
-        stage=lambda name: _stage(name, on_stage, timings),
+        Asked(camera.focal, max_offset, offset, told, refinement, systematic, seed),
+        lambda name: _stage(name, on_stage, timings),
     )
     settings: dict[str, Any] = {
         **final.settings,
-        "camera_position": None if camera_position is None else tuple(map(float, lever)),
+        "camera_position": None if camera_position is None else told.lever,
+        "camera_height": told.height,
         "refinement": refinement,
         "systematic": asdict(systematic),
         "surface": surface,
@@ -167,11 +170,12 @@ def calibrate_estimate(
     focal: float,
     max_offset: float = 1.0,
     offset: float | None = None,
-    lever: tuple[float, ...] = (0.0, 0.0, 0.0),
+    camera_position: tuple[float, float, float] | None = None,
+    camera_height: float | None = None,
     refinement: str = "tracks",
     systematic: Systematic = SYSTEMATIC,
     seed: int = 0,
-    stage: Callable[[str], AbstractContextManager[None]] = lambda name: nullcontext(),
+    stage: Stage = lambda name: nullcontext(),
 ) -> RefinedCalibration:
     """Align headings with velocities and refine on their correspondences.
 
@@ -185,11 +189,9 @@ def calibrate_estimate(
         Motion of the body.
     focal : float
         Pixels per radian, to speak of pixels.
-    lever : tuple of float
-        Position of the camera in the body frame [m].
     stage : callable
         Context in which each stage runs, given its name.
-    max_offset, offset, refinement, systematic, seed
+    max_offset, offset, camera_position, camera_height, refinement, systematic, seed
         See `calibrate`.
 
     Returns
@@ -197,17 +199,59 @@ def calibrate_estimate(
     RefinedCalibration
         Also where the motion cannot answer: then it says what is unknown.
     """
-    _answerable(estimate)
+    told = _told(camera_position, camera_height)
+    asked = Asked(focal, max_offset, offset, told, refinement, systematic, seed)
+    return _calibrated(estimate, velocities, asked, stage)[0]
+
+
+def _told(position: tuple[float, float, float] | None, height: float | None) -> Told:
+    """Return what is known of the camera's place, checked."""
+    if height is not None:
+        height = float(checks.floats([height], "camera_height", (1,))[0])
+    if position is None:
+        return _within(Told(None, height))
+    x, y, z = map(float, checks.floats(position, "camera_position", (3,)))
+    if height is not None and height != z:
+        raise InputError(
+            f"camera_position says z = {z:g} m, camera_height {height:g} m: give one of them"
+        )
+    return _within(Told((x, y), z))
+
+
+def _within(told: Told) -> Told:
+    if np.abs(told.lever).max() > MAX_REACH:
+        raise InputError(
+            f"camera_position {told.lever} is over {MAX_REACH:g} m from the body's"
+            " origin; is it in metres (not millimetres)?"
+        )
+    return told
+
+
+def _calibrated(
+    estimate: HeadingEstimate, velocities: VelocitySeries, asked: Asked, stage: Stage
+) -> tuple[RefinedCalibration, HeadingEstimate]:
+    """Return the calibration, and the headings, their turning taken out where it leads."""
     shared, velocities = velocities.direction_sd, replace(velocities, direction_sd=0.0)
+    track = velocity_track(velocities)
+    turning = turning_beyond_noise(velocities, track)
+    if asked.refinement == "tracks" and turning > LEADS:
+        told = replace(velocities, direction_sd=shared)
+        return by_turning(estimate, told, track, turning, asked, stage)
+    _answerable(estimate)
     with stage("alignment"):
         aligned = align(
-            estimate.headings, velocities, max_offset=max_offset, offset=offset, seed=seed
+            estimate.headings,
+            velocities,
+            max_offset=asked.max_offset,
+            offset=asked.offset,
+            seed=asked.seed,
         )
-    if refinement == "none":
-        return RefinedCalibration.after(aligned).widened(shared)
-    with stage("refinement"):
-        final = _refined(aligned, estimate, velocities, focal, max_offset, systematic, lever)
-    return final.widened(shared)
+    if asked.refinement == "none":
+        final, free = RefinedCalibration.after(aligned), None
+    else:
+        with stage("refinement"):
+            final, free = _refined(aligned, estimate, velocities, track, turning, asked)
+    return positioned(final.widened(shared), asked.told, turning, free), estimate
 
 
 def _answerable(estimate: HeadingEstimate) -> None:
@@ -226,30 +270,45 @@ def _refined(
     aligned: Calibration,
     estimate: HeadingEstimate,
     velocities: VelocitySeries,
-    focal: float,
-    max_offset: float,
-    systematic: Systematic,
-    lever: tuple[float, ...],
-) -> RefinedCalibration:
-    """Return the calibration after the joint refinement, or as it was where there is none."""
+    track: VelocityTrack,
+    turning: float,
+    asked: Asked,
+) -> tuple[RefinedCalibration, JointRefinement | None]:
+    """Return the calibration after the joint refinement, or as it was where there is none.
+
+    And the refinement that estimated the position, if one did.
+    """
     assert estimate.correspondences is not None
-    tracks = tracks_of(estimate.correspondences)
-    track = velocity_track(velocities)
-    common: Mapping[str, Any] = {
-        "focal": focal,
-        "max_offset": max_offset,
-        "systematic": systematic,
-        "lever": lever,
-    }
-    start = (tracks, velocities, track, aligned.R_body_cam, aligned.offset)
-    joint = refine_jointly(*start, **common)
-    if joint is not None and offset_observable(joint, track, max_offset):
-        return finish(aligned, joint, estimate.headings, track, max_offset)
-    joint = refine_jointly(*start, estimate_offset=False, **common)
-    if joint is None or abs(joint.lag - systematic.lag) > STRANGE_LAG * systematic.lag_sd:
+    found = estimate.correspondences.heading >= 0
+    tracks = tracks_of(estimate.correspondences.select(found))
+    refine = Refiner(tracks, velocities, track, turning, asked)
+    joint, free = refine(aligned.R_body_cam, aligned.offset)
+    if not _determines(joint, track, asked) and not aligned.rotation_observable:
+        joint, free = _from_nothing(refine, aligned, joint, free)
+    if joint is not None and _determines(joint, track, asked):
+        return finish(aligned, joint, estimate.headings, track, asked.max_offset), free
+    joint, free = refine(aligned.R_body_cam, aligned.offset, estimate_offset=False)
+    lag = asked.systematic
+    if joint is None or abs(joint.lag - lag.lag) > STRANGE_LAG * lag.lag_sd:
         # A lag that corners do not have makes up for an offset that is not the true one.
-        return RefinedCalibration.after(aligned)
-    return keep(aligned, joint, estimate.headings)
+        return RefinedCalibration.after(aligned), None
+    return keep(aligned, joint, estimate.headings), free
+
+
+def _determines(joint: JointRefinement | None, track: VelocityTrack, asked: Asked) -> bool:
+    return joint is not None and offset_observable(joint, track, asked.max_offset)
+
+
+def _from_nothing(
+    refine: Refiner, aligned: Calibration, *otherwise: JointRefinement | None
+) -> tuple[JointRefinement | None, ...]:
+    """Return a refinement from a start without headings, if there is one that stands out."""
+    start = refine.start()
+    if start is None or start.margin < SURE:
+        return otherwise
+    if rotation_angle(start.R_body_cam, aligned.R_body_cam) < AWAY:
+        return otherwise
+    return refine(start.R_body_cam, start.offset)
 
 
 def _overlapping(

@@ -15,7 +15,7 @@ from evcalib.geometry import (
     mounting,
     rotation_angle,
 )
-from evcalib.pipeline import CalibrationRun
+from evcalib.pipeline import CalibrationRun, RefinedCalibration, position_text
 
 Row = tuple[str, str, str]
 
@@ -42,6 +42,8 @@ def findings(run: CalibrationRun) -> list[str]:
     """Return what was found and how sure it is, in sentences."""
     calibration = run.calibration
     said = [_offset_sentence(calibration), _rotation_sentence(calibration)]
+    if isinstance(calibration, RefinedCalibration) and any(calibration.position_observable):
+        said.append(f"The camera sits in the body frame at {position_text(calibration)}.")
     if run.truth is not None:
         error = 1e3 * (calibration.offset - run.truth.offset)
         turn = np.degrees(rotation_angle(calibration.R_body_cam, run.truth.R_body_cam))
@@ -124,6 +126,7 @@ def numbers(run: CalibrationRun) -> list[Row]:
             f"{_listed(mounting(R), 2)} deg",
             "positive: right side down, looking down, looking left",
         ),
+        *_position(calibration),
         (
             "Headings used",
             str(len(calibration.residuals.t)),
@@ -204,6 +207,15 @@ def _rotation_sentence(calibration: Calibration) -> str:
         f"The camera looks {camera_looks(calibration.R_body_cam)}. With 95 % probability this"
         f" rotation is off by less than {degrees(calibration.rotation_radius)} deg."
     )
+
+
+def _position(calibration: Calibration) -> list[Row]:
+    """Return where the camera sits, and why coordinates of it are not known, each reason once."""
+    if not isinstance(calibration, RefinedCalibration):
+        return []
+    reasons = [one.reason for one in calibration.unknowns if one.unit == "m" and not one.determined]
+    why = " ".join(dict.fromkeys(reasons))
+    return [("Position of the camera in the body frame", position_text(calibration), why)]
 
 
 def _listed(values: Floats, digits: int) -> str:

@@ -161,7 +161,7 @@ class DriveDesigner(Panel):
         """Return the verdict, and both predictions, as HTML."""
         sure = full.offset_determined and full.rotation_determined
         color = style.INLIER if sure else style.OUTLIER
-        advice = html.escape(" ".join(filter(None, (*full.advice, full.caution))))
+        advice = html.escape(" ".join(full.advice))
         verdict = (
             f"<div style='border-left:6px solid {color}; padding:4px 14px; line-height:1.5'>"
             f"<b style='font-size:115%'>{html.escape(full.summary)}</b><br>{advice}</div>"

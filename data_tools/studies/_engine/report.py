@@ -15,7 +15,9 @@ from data_tools.studies._engine.study import Study
 from evcalib.errors import EvcalibError
 
 
-def write_summary(result: StudyResult, folder: str | Path, *, pictures: bool = True) -> list[Path]:
+def write_summary(
+    result: StudyResult, folder: str | Path, *, pictures: bool = True, rows: bool = False
+) -> list[Path]:
     """Write ``NAME.csv`` and ``NAME.txt`` with medians and quartiles, and box plots ``NAME.png``.
 
     There is a picture where methods stand side by side.
@@ -28,6 +30,8 @@ def write_summary(result: StudyResult, folder: str | Path, *, pictures: bool = T
         Where to; it must be there.
     pictures : bool
         Draw box plots too.
+    rows : bool
+        Write ``NAME.rows.csv`` too, a line for each row of each trial.
 
     Returns
     -------
@@ -41,6 +45,8 @@ def write_summary(result: StudyResult, folder: str | Path, *, pictures: bool = T
     """
     home, summary = Path(folder), result.summary()
     contents = {"csv": summary.csv().encode(), "txt": f"{describe(result)}\n".encode()}
+    if rows:
+        contents["rows.csv"] = result.csv().encode()
     if pictures and {"method", "rotation_deg"} <= result.table.keys():
         from evcalib.plots import style
         from evcalib.plots.studies import study_figure

@@ -79,6 +79,11 @@ class StudyResult(Shown):
         """Return the distinct values of a column, in the order in which they appear."""
         return tuple(dict.fromkeys(self.values(column).tolist()))
 
+    def csv(self) -> str:
+        """Return the whole table as CSV, a line for each row of each trial."""
+        names = [name for name in self.table if name != "cell"]
+        return Summary(tuple(dict(zip(names, row, strict=True)) for row in self._rows(names))).csv()
+
     def summary(self, *columns: str, by: Sequence[str] = LABELS) -> Summary:
         """Return count, median and quartiles of columns for each combination of `by`.
 

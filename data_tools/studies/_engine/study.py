@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -79,6 +79,21 @@ class Study:
     def __post_init__(self) -> None:
         if not self.cells:
             raise InputError(f"the study {self.name} has no cells, so there is nothing to run")
+
+    def only(self, names: Sequence[str]) -> Study:
+        """Return the study with the cells alone whose group holds one of these words.
+
+        Raises
+        ------
+        InputError
+            If no group does.
+        """
+        for name in names:
+            if not any(name in cell.group for cell in self.cells):
+                groups = "; ".join(dict.fromkeys(cell.group for cell in self.cells))
+                raise InputError(f"no group of {self.name} holds {name!r}; there are: {groups}")
+        cells = [cell for cell in self.cells if any(name in cell.group for name in names)]
+        return replace(self, cells=tuple(cells)) if names else self
 
     def identity(self, trials: int, seed: int) -> dict[str, Any]:
         """Return what two runs must have in common for their results to be mixed."""

@@ -15,9 +15,10 @@ NEAREST = 0.2
 """Points that come nearer than this part of their first distance are not fitted.  A choice: there
 1 / (1 - rho z) is at most 5, and a corner 2.5 m ahead is left for the last half metre to it."""
 
-VALUE, BY_YAW_RATE, FLOW = 0, 5, 6
-"""Columns of what an observation holds: the value, derivatives by rotation (1 to 3), offset (4) and
-yaw-rate bias (5), and the change with time, along which the corner flows."""
+VALUE, BY_POSITION, BY_YAW_RATE, FLOW, COLUMNS = 0, 5, 7, 8, 9
+"""Columns of what an observation holds: the value, derivatives by rotation (1 to 3), offset (4),
+position of the camera (5, 6) and yaw-rate bias (7), and the change with time, along which the
+corner flows."""
 
 
 class WorldMotion(NamedTuple):
@@ -115,8 +116,8 @@ def observe(before, after, time, bias, ray, camera, a, z, y, dy):
     bias : error of the yaw rate [rad/s].
     ray : bearing at t2 in the body frame of t2.
     camera : `Camera`.
-    a, z : (7, 2) and (7,), displacement across and along the first bearing b, in columns as above.
-    y, dy : (2,) and (6, 2), the observation and its derivatives (columns 1 to 5).
+    a, z : (9, 2) and (9,), displacement across and along the first bearing b, in columns as above.
+    y, dy : (2,) and (8, 2), the observation and its derivatives (columns 1 to 7).
 
     Returns whether the corner is in front.
     """
@@ -142,6 +143,8 @@ def observe(before, after, time, bias, ray, camera, a, z, y, dy):
         (-D[2], 0.0, D[0]),
         (D[1], -D[0], 0.0),
         change,
+        (c, s, 0.0),
+        (-s, c, 0.0),
         _sum(_across_z(0.5 * time, path), _across_z(time, arm)),
         _sum(_about_z(-yaw1, v2), _across_z(rate2, arm)),
     )
@@ -151,13 +154,15 @@ def observe(before, after, time, bias, ray, camera, a, z, y, dy):
         cross((-s, c, 0.0), seen_by_body),
         none,
         _across_z(rate2 - rate1, seen_by_body),
+        none,
+        none,
         _across_z(time, seen_by_body),
         none,
     )
-    for k in range(7):
+    for k in range(COLUMNS):
         d, h = _to_camera(R, moved[k]), _to_camera(R, turned[k])
         a[k, 0], a[k, 1], z[k] = dot(e[0], d), dot(e[1], d), dot(b, d)
-        if k < 6:
+        if k < FLOW:
             along = dot(b, h)
             dy[k, 0] = (dot(e[0], h) - y[0] * along) / depth
             dy[k, 1] = (dot(e[1], h) - y[1] * along) / depth

@@ -9,7 +9,8 @@ distance rho, it is seen along b - rho d: on the plane that touches the sphere a
 A corner trails its true place by the lag along its flow.  The odometry's yaw rate has a bias, for
 all tracks of a group the same.  The anchor's own error shifts all observations of a track alike:
 this mean is taken off, and the inverse distance solved for, track by track (variable projection,
-Golub and Pereyra 1973).  What is left depends on rotation, offset, lag and yaw-rate bias.
+Golub and Pereyra 1973).  What is left depends on rotation, offset, lag, position of the camera and
+yaw-rate bias.
 """
 
 import math
@@ -19,7 +20,9 @@ import numpy as np
 
 from evcalib.kernels.jit import jit
 from evcalib.kernels.joint.observation_model import (
+    BY_POSITION,
     BY_YAW_RATE,
+    COLUMNS,
     FLOW,
     NEAREST,
     VALUE,
@@ -30,10 +33,14 @@ from evcalib.kernels.joint.observation_model import (
 )
 from evcalib.kernels.linalg import dot, tangent_basis
 
-UNKNOWNS = 6
-"""Rotation vector in the body frame [rad] (3), offset [s], lag [rad], yaw-rate bias [rad/s]."""
+UNKNOWNS = 8
+"""Rotation vector in the body frame [rad] (3), offset [s], lag [rad], position of the camera along
+the body's X and Y [m] (2), yaw-rate bias [rad/s]."""
 
-LAG, YAW_RATE = 4, 5
+LAG, POSITION, YAW_RATE = 4, 5, 7
+
+COLUMN = (1, 2, 3, 4, VALUE, BY_POSITION, BY_POSITION + 1, BY_YAW_RATE)
+"""Column of `observe` that each unknown goes with; the lag, which needs none, has its own rule."""
 
 STEPS, FORGIVING, AGAIN = 8, 2, 3
 """Steps of a track's own fit, of which the first ones forgive outliers; and steps from an earlier
@@ -57,6 +64,7 @@ class Unknowns(NamedTuple):
 
     offset: float  # [s]
     lag: float  # [rad]
+    lever: tuple[float, float, float]  # position of the camera in the body frame [m]
     yaw_rate_bias: np.ndarray  # (groups,) [rad/s]
 
 
@@ -65,7 +73,6 @@ class Options(NamedTuple):
 
     loss_scale: float  # residual [rad] from which on an observation counts nothing
     slowest: float  # slowest flow with a direction [rad/s]
-    lever: tuple[float, float, float]  # position of the camera in the body frame [m]
 
 
 class Linearisation(NamedTuple):
@@ -77,7 +84,7 @@ class Linearisation(NamedTuple):
     residuals: np.ndarray  # (n, 2) [rad]
     weights: np.ndarray  # (n,)
     distances: np.ndarray  # (tracks,) inverse [1/m]
-    gradients: np.ndarray  # (tracks, 6) of the losses by the unknowns
+    gradients: np.ndarray  # (tracks, 8) of the losses by the unknowns
     losses: np.ndarray  # (tracks,) [rad^2]
 
 
@@ -85,15 +92,15 @@ class _Track(NamedTuple):
     """Room for one track of up to m observations, the anchor the first of them."""
 
     known: np.ndarray  # (m,) 1.0 where there is an observation
-    a: np.ndarray  # (m, 7, 2) displacement across the anchor's bearing, see `observe`
-    z: np.ndarray  # (m, 7) displacement along it
+    a: np.ndarray  # (m, 9, 2) displacement across the anchor's bearing, see `observe`
+    z: np.ndarray  # (m, 9) displacement along it
     y: np.ndarray  # (m, 2) observation
-    dy: np.ndarray  # (m, 6, 2) its derivatives
+    dy: np.ndarray  # (m, 8, 2) its derivatives
     w: np.ndarray  # (m,) weights
     e: np.ndarray  # (m, 2) residuals
     g: np.ndarray  # (m, 2) their slopes by the inverse distance, less the mean
     flow: np.ndarray  # (m, 2) unit direction of the flow
-    J: np.ndarray  # (m, 6, 2) derivatives by the unknowns
+    J: np.ndarray  # (m, 8, 2) derivatives by the unknowns
 
 
 @jit
@@ -168,7 +175,7 @@ def _derivatives(m, rho, weight, information, track):
     """Fill in the residuals' derivatives, less their share in mean and distance."""
     a, z, dy, w, g, flow, J = track.a, track.z, track.dy, track.w, track.g, track.flow, track.J
     for k in range(UNKNOWNS):
-        column = BY_YAW_RATE if k == YAW_RATE else k + 1
+        column = COLUMN[k]
         mean = np.zeros(2)
         for i in range(m):
             s = max(1.0 - rho * z[i, VALUE], NEAREST)
@@ -196,7 +203,7 @@ def _derivatives(m, rho, weight, information, track):
 def linearise(tracks, R, unknowns, motion, options, out):
     """Fill in `out`, a `Linearisation` of all tracks at R = R_body_cam and the other unknowns.
 
-    Returns the information of the six unknowns in each group, (groups, 6, 6).
+    Returns the information of the unknowns in each group, (groups, 8, 8).
     """
     first, group = tracks.first, tracks.group
     r1, r2, t1, t2 = tracks.r1, tracks.r2, tracks.t1, tracks.t2
@@ -207,8 +214,8 @@ def linearise(tracks, R, unknowns, motion, options, out):
     most = 1
     for k in range(first.size - 1):
         most = max(most, first[k + 1] - first[k] + 1)
-    a, z, y = np.zeros((most, 7, 2)), np.zeros((most, 7)), np.zeros((most, 2))
-    dy, J = np.zeros((most, 6, 2)), np.zeros((most, UNKNOWNS, 2))
+    a, z, y = np.zeros((most, COLUMNS, 2)), np.zeros((most, COLUMNS)), np.zeros((most, 2))
+    dy, J = np.zeros((most, FLOW, 2)), np.zeros((most, UNKNOWNS, 2))
     known, w = np.zeros(most), np.zeros(most)
     e, g, flow = np.zeros((most, 2)), np.zeros((most, 2)), np.zeros((most, 2))
     track = _Track(known, a, z, y, dy, w, e, g, flow, J)
@@ -228,7 +235,7 @@ def linearise(tracks, R, unknowns, motion, options, out):
             continue
         before = state(anchored, start, motion)
         b = r1[low]
-        camera = Camera(R, options.lever, b, tangent_basis(b))
+        camera = Camera(R, unknowns.lever, b, tangent_basis(b))
         own = (dot(R[0], b), dot(R[1], b), dot(R[2], b))
         observe(before, before, 0.0, 0.0, own, camera, a[0], z[0], y[0], dy[0])
         known[0] = w[0] = 1.0
