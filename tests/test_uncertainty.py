@@ -92,6 +92,19 @@ def test_a_mean_under_ar1_noise_has_the_textbook_inflation(rho):
     assert model.inflation(step * np.arange(n)) == pytest.approx(expected, rel=1e-6)
 
 
+def test_noise_adds_up_where_its_weights_do():
+    """The sum over all pairs of times, written out; opposite weights near each other give 1."""
+    rng = np.random.default_rng(0)
+    t, weights = np.sort(rng.uniform(0, 5, 40)), rng.uniform(0, 1, (40, 3))
+    model = NoiseModel(0.6, 0.5)
+    lag = np.abs(np.subtract.outer(t, t))
+    correlation = np.where(lag == 0, 1.0, 0.6 * np.exp(-lag / 0.5))
+    expected = np.einsum("ia,ij,ja->", weights, correlation, weights) / np.sum(weights**2)
+    assert model.inflation_of(t, weights) == pytest.approx(expected)
+    assert model.inflation_of(t, np.where(np.arange(40) % 2, 1.0, -1.0)[:, None]) == 1.0
+    assert model.inflation_of(t, 0 * weights) == 1.0
+
+
 def test_the_correlation_falls_by_e_over_its_memory():
     assert NoiseModel(0.6, 0.5).correlation(0.5) == pytest.approx(0.6 / np.e)
 

@@ -15,10 +15,10 @@ import typer
 
 # Importing them adds their commands, in this order.
 from data_tools.cli import _calibrate, _files, _lab, _studies  # noqa: F401
-from data_tools.cli._options import BAD_INPUT, INTERRUPTED, NO_ANSWER, Interrupted, app
+from data_tools.cli._options import BAD_INPUT, DOUBTS, INTERRUPTED, NO_ANSWER, Interrupted, app
 from evcalib.errors import EvcalibError, NoAnswerError
 
-__all__ = ["BAD_INPUT", "NO_ANSWER", "app", "main"]
+__all__ = ["BAD_INPUT", "DOUBTS", "NO_ANSWER", "app", "main"]
 
 # The class of all errors of usage; typer has it from click, or brings its own copy of click.
 UsageError: Any = typer.BadParameter.__bases__[0]

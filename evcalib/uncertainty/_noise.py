@@ -37,6 +37,18 @@ class NoiseModel:
         """Return the variance of the mean over times `t`, relative to that of white noise."""
         return t.size / self.independent(t, np.ones(t.size))
 
+    def inflation_of(self, t: Floats, weights: Floats) -> float:
+        """Return the variance of a weighted sum of noise, relative to that of white noise.
+
+        `weights` (n, k) are those of k columns of noise at the times `t`; 1 at least is returned.
+        """
+        alone = float(np.sum(weights**2))
+        if alone == 0:
+            return 1.0
+        scores = np.ascontiguousarray(weights[:, :, None], dtype=np.float64)
+        shared = kernel.correlated_information(t, scores, self.share, self.memory)[0, 0]
+        return max(float(shared) / alone, 1.0)
+
     def independent(self, t: Floats, weight: Floats) -> float:
         """Return how many independent samples the weighted mean over times `t` is worth."""
         scores = np.ascontiguousarray(weight[:, None, None], dtype=np.float64)
