@@ -1,7 +1,7 @@
 """The command line, thin over both packages.
 
-Exit codes: 0 the rotation is determined; 2 bad input; 3 the motion cannot answer; 4 repeated runs
-contradict each other; 130 Ctrl-C.
+Exit codes: 0 the rotation is determined; 2 bad input; 3 the motion cannot answer; 4 the data
+contradict the answer, or repeated runs each other; 130 Ctrl-C.
 """
 
 from __future__ import annotations
