@@ -56,8 +56,8 @@ class NoiseModel:
         return float(weight.sum()) ** 2 / max(spread, 1e-300)
 
 
-def fit_noise(t: Floats, noise: Floats) -> NoiseModel:
-    """Fit white plus Ornstein-Uhlenbeck noise by maximum likelihood.
+def fit_noise(t: Floats, noise: Floats, fitted: Floats | None = None) -> NoiseModel:
+    """Fit white plus Ornstein-Uhlenbeck noise by restricted maximum likelihood.
 
     Parameters
     ----------
@@ -65,6 +65,9 @@ def fit_noise(t: Floats, noise: Floats) -> NoiseModel:
         Times [s], ascending; gaps and irregular steps are fine.
     noise : ndarray, shape (n, k)
         k independent columns of zero mean, of common variance and correlation.
+    fitted : ndarray, shape (n, p), optional
+        Columns that were fitted to each of them, which took away what noise looks like them; a
+        constant if not given.
 
     Returns
     -------
@@ -74,11 +77,16 @@ def fit_noise(t: Floats, noise: Floats) -> NoiseModel:
     noise = np.ascontiguousarray(noise)
     if t.size < 8 or not np.any(noise):
         return NoiseModel(0.0, 1.0)
+    basis, sizes, _ = np.linalg.svd(
+        np.ones((t.size, 1)) if fitted is None else fitted, full_matrices=False
+    )
+    basis = np.ascontiguousarray(basis[:, sizes > 1e-9 * sizes[0]])
     span, step = float(t[-1] - t[0]), float(np.median(np.diff(t)))
     shortest, longest = 0.3 * step, max(min(0.5 * span, 60.0), step)
 
     def loss(share: float, log_memory: float) -> float:
-        return -float(kernel.log_likelihood(t, noise, share, float(np.exp(log_memory))))
+        memory = float(np.exp(log_memory))
+        return -float(kernel.restricted_likelihood(t, noise, basis, share, memory))
 
     logs = np.linspace(np.log(shortest), np.log(longest), 9)
     bounds = (logs[0], logs[-1])
@@ -100,8 +108,7 @@ def fit_noise(t: Floats, noise: Floats) -> NoiseModel:
         share, memory, best = float(mixed.x[0]), float(np.exp(mixed.x[1])), float(mixed.fun)
     if best > loss(0.0, 0.0):
         return NoiseModel(0.0, 1.0)
-    # Residuals of a fit forget faster than the noise, by about 4 memory / span (Kendall 1954).
-    return NoiseModel(share, memory * (1.0 + 4.0 * min(memory / span, 0.25)))
+    return NoiseModel(share, memory)
 
 
 LEAST_NOISE = 1e-6
