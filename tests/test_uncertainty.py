@@ -64,6 +64,10 @@ def test_the_likelihood_is_that_of_the_dense_gaussian(seed, share, memory):
     share = min(share, 0.999)
     found = kernel.log_likelihood(t, noise, share, memory)
     assert found == pytest.approx(naive.log_likelihood(t, noise, share, memory), rel=1e-8)
+    fitted = np.linalg.qr(rng.standard_normal((25, 3)))[0]
+    found = kernel.restricted_likelihood(t, noise, fitted, share, memory)
+    expected = naive.restricted_likelihood(t, noise, fitted, share, memory)
+    assert found == pytest.approx(expected, rel=1e-8)
 
 
 @settings(deadline=None, max_examples=30)
@@ -130,6 +134,21 @@ def test_the_fit_is_the_best_on_a_fine_grid():
         for m in np.geomspace(0.02, 10, 40)
     ]
     assert best >= max(grid) - 1e-2
+
+
+def test_noise_as_slow_as_what_was_fitted_is_not_missed():
+    """Residuals of an S-curve's offset and turn; 24 s hold few memories, so 40 drives are asked."""
+    rng = np.random.default_rng(8)
+    t = np.arange(720) / 30
+    fitted = np.stack([np.ones_like(t), np.cos(2 * np.pi * t / 8)], axis=1)
+    fit = fitted @ np.linalg.pinv(fitted)
+    weights, truth = fitted[:, 1:], NoiseModel(0.2, 1.0)
+    ratio = []
+    for _ in range(40):
+        noise = coloured(t, truth.share, truth.memory, 1, rng)
+        found = fit_noise(t, noise - fit @ noise, fitted)
+        ratio.append(found.inflation_of(t, weights) / truth.inflation_of(t, weights))
+    assert np.mean(ratio) == pytest.approx(1.0, abs=0.2)
 
 
 def test_white_noise_has_next_to_no_inflation():

@@ -77,9 +77,8 @@ def fit_noise(t: Floats, noise: Floats, fitted: Floats | None = None) -> NoiseMo
     noise = np.ascontiguousarray(noise)
     if t.size < 8 or not np.any(noise):
         return NoiseModel(0.0, 1.0)
-    basis, sizes, _ = np.linalg.svd(
-        np.ones((t.size, 1)) if fitted is None else fitted, full_matrices=False
-    )
+    fitted = np.ones((t.size, 1)) if fitted is None else fitted
+    basis, sizes, _ = np.linalg.svd(fitted, full_matrices=False)
     basis = np.ascontiguousarray(basis[:, sizes > 1e-9 * sizes[0]])
     span, step = float(t[-1] - t[0]), float(np.median(np.diff(t)))
     shortest, longest = 0.3 * step, max(min(0.5 * span, 60.0), step)
