@@ -54,7 +54,7 @@ def turning_radius(motion: WorldMotion) -> float:
     step = np.diff(motion.t)
     inside = np.diff(motion.segment) == 0
     yaw_rate = np.sqrt(np.mean((np.diff(motion.yaw) / step)[inside] ** 2))
-    speed = np.sqrt(np.mean(np.sum(motion.v**2, axis=1)))
+    speed = np.sqrt(np.mean(np.sum(motion.velocity**2, axis=1)))
     return float(speed / yaw_rate) if yaw_rate > 0 else np.inf
 
 
