@@ -47,7 +47,7 @@ def world_motion(velocities: VelocitySeries, track: VelocityTrack) -> WorldMotio
 
 
 def turning_radius(motion: WorldMotion) -> float:
-    """Return speed over yaw rate [m], root mean squares; inf where the body does not turn.
+    """Return speed over yaw rate [m], root mean squares; huge where it never turns.
 
     By so much does a position move, for each radian that directions of travel are off.
     """
@@ -55,7 +55,7 @@ def turning_radius(motion: WorldMotion) -> float:
     inside = np.diff(motion.segment) == 0
     yaw_rate = np.sqrt(np.mean((np.diff(motion.yaw) / step)[inside] ** 2))
     speed = np.sqrt(np.mean(np.sum(motion.velocity**2, axis=1)))
-    return float(speed / yaw_rate) if yaw_rate > 0 else np.inf
+    return float(speed / max(yaw_rate, 1e-9))
 
 
 def jump_floor(track: VelocityTrack) -> float:
