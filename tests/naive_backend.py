@@ -108,6 +108,16 @@ def log_likelihood(t, noise, share, memory):
     return -0.5 * n * columns * np.log(square) - columns * np.log(np.diag(L)).sum()
 
 
+def restricted_likelihood(t, noise, fitted, share, memory):
+    """Return the same of the combinations of samples that columns (orthonormal) do not touch."""
+    n, p = fitted.shape
+    untouched = np.linalg.svd(fitted)[0][:, p:]
+    L = np.linalg.cholesky(untouched.T @ correlation(t, share, memory) @ untouched)
+    columns = noise.shape[1]
+    square = np.sum(np.linalg.solve(L, untouched.T @ noise) ** 2) / ((n - p) * columns)
+    return -0.5 * (n - p) * columns * np.log(square) - columns * np.log(np.diag(L)).sum()
+
+
 def correlated_information(t, scores, share, memory):
     """Return sum_ij k(t_i - t_j) s_i s_j^T, a pair at a time."""
     k = correlation(t, share, memory)

@@ -140,6 +140,32 @@ def test_a_drifting_clock_is_right_in_the_middle():
     assert np.ptp(swing) == pytest.approx(0.02, rel=0.02)
 
 
+def shaken(drive, **fault):
+    """Return times, and rotation vectors (n, 3) of a body that should not turn [rad]."""
+    t = np.arange(0.0, drive.duration, 0.005)
+    return t, sighting_drives._shake(drive, np.random.default_rng(0), Fault(**fault))(t)
+
+
+def test_a_body_that_speeds_up_evenly_leans_back_and_to_the_outside():
+    """At 0.5 m/s^2 forward, and to the left: the nose goes up, and the left side."""
+    for heading, axis, sense in ((0.0, 1, -1.0), (np.pi / 2, 0, 1.0)):
+        drive = Drive("even", 8.0, lambda t, h=heading: h + 0.0 * t, lambda t: 0.5 * t)
+        t, lean = shaken(drive, tilt=0.02)
+        # It swings at 2 Hz, and has settled to 1 % after a few seconds; the end is an end.
+        settled = (t > 2.0) & (t < 7.9)
+        np.testing.assert_allclose(lean[settled, axis], sense * 0.01, rtol=0.01)
+        assert np.abs(np.delete(lean, axis, axis=1)).max() < 1e-12
+        # A damping of 0.4 overshoots by exp(-pi 0.4 / sqrt(1 - 0.4^2)).
+        most = 0.01 * (1 + np.exp(-np.pi * 0.4 / np.sqrt(0.84)))
+        assert np.abs(lean[t < 7.9]).max() == pytest.approx(most, rel=0.02)
+
+
+def test_a_vibrating_body_turns_by_as_much_as_told_about_each_axis():
+    _, turn = shaken(straight(20.0), vibration=0.005)
+    np.testing.assert_allclose(turn.std(axis=0), 0.005, rtol=0.1)
+    assert not shaken(straight(2.0))[1].any()
+
+
 # What the calibration makes of them ---------------------------------------------------------------
 
 

@@ -16,7 +16,7 @@ from evcalib.errors import InputError
 from evcalib.geometry import LOOKS_FORWARD, rotation_angle, rotation_vector_to_matrix
 from evcalib.joint import Systematic, refine_jointly
 from evcalib.joint._solver import Problem, begin, linearise, slope_of_loss
-from evcalib.joint._world_motion import world_motion
+from evcalib.joint._world_motion import turning_radius, world_motion
 from evcalib.kinematics.velocity_track import velocity_track
 from evcalib.pipeline._assessment import offset_observable
 from evcalib.series import VelocitySeries
@@ -371,6 +371,27 @@ def test_a_body_that_turns_shows_where_its_camera_sits():
     sd = np.sqrt(np.diag(found.covariance)[4:])
     assert (sd > 0.9).all()
     assert (np.abs(found.position - LEVER)[:2] < 3.0 * sd).all()
+
+
+def test_what_all_directions_share_moves_the_position_by_the_radius_of_the_turn():
+    """By hand: a body that turns at 0.5 rad/s at 1 m/s drives on a radius of 2 m."""
+    t = np.arange(0.0, 4.0, 0.02)
+    v = np.stack([np.ones_like(t), 0 * t, 0 * t], axis=1)
+    velocities = VelocitySeries(t, v, np.full_like(t, 0.5))
+    motion = world_motion(velocities, velocity_track(velocities))
+    assert turning_radius(motion) == pytest.approx(2.0, rel=1e-6)
+    rng = np.random.default_rng(43)
+    tracks = naive.made_tracks(rng, TURNING, R_BODY_CAM, OFFSET, lever=LEVER, count=150)
+    tracks = naive.spoiled(rng, tracks, noise=0.1 * PIXEL)
+    radius = turning_radius(world_motion(TURNING, velocity_track(TURNING)))
+    one, two = (
+        refined(
+            tracks, TURNING, offset=OFFSET, lever=LEVER, estimate_position=True,
+            systematic=replace(PINNED, rotation_sd=sd),
+        ).covariance[4:, 4:]
+        for sd in (0.0, 0.01)
+    )  # fmt: skip
+    np.testing.assert_allclose(two - one, (0.01 * radius) ** 2 * np.eye(2), atol=1e-9)
 
 
 def test_the_stated_positions_hold_the_truth():

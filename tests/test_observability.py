@@ -10,6 +10,7 @@ from data_tools.simulation import drives
 from data_tools.simulation.streams import Noise, simulate
 from evcalib.alignment.observability import (
     RATE_GATE,
+    _slow_variance,
     axis_name,
     direction_spread,
     heading_rate_test,
@@ -92,6 +93,17 @@ def test_turning_across_a_gap_is_not_looked_at():
     v = np.where((t < 11)[:, None], [1.0, 0, 0], [0, 1.0, 0])
     v[:, :2] += 0.02 * np.random.default_rng(0).standard_normal((t.size, 2))
     assert heading_rate_test(velocity_track(VelocitySeries(t, v)), 0, 22) < RATE_GATE
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.5, 0.9, 0.98, 0.999])
+def test_means_of_neighbouring_blocks_differ_by_no_more_than_is_allowed_for(rho):
+    """The double sum over two blocks of 25 samples of AR(1) noise; half as much at the least."""
+    i = np.arange(25)
+    within, across = (rho ** np.abs(np.subtract.outer(i, i + k)).astype(float) for k in (0, 25))
+    exact = 2 * (within.mean() - across.mean())
+    allowed = 2 * _slow_variance(rho, 25.0) / 25
+    assert exact <= allowed * (1 + 1e-9)
+    assert allowed < 2.6 * exact
 
 
 # Coloured noise ---------------------------------------------------------------------------------

@@ -23,6 +23,7 @@ from evcalib.geometry import random_rotation, rotation_angle
 from evcalib.kernels.alignment import offset as kernel
 from evcalib.kinematics.velocity_track import velocity_track
 from evcalib.series import HeadingSeries, VelocitySeries
+from evcalib.uncertainty import NoiseModel
 
 SEARCHES = METHODS[:-1]
 seeds = st.integers(0, 10**6)
@@ -99,12 +100,19 @@ def test_contrasts_are_means_and_variances_of_score_differences():
     at_other = naive_scores(made, track, 0.5, R, reach)
     both = (at_peak >= 0) & (at_other >= 0) & (weight > 0)
     gap = (at_peak - at_other)[both]
-    args = (np.array([0.5]), *sampled, R[None], reach, at_peak)
-    mean, variance, pairs = kernel.contrast(data, *args)
+    ours, others = (track.directions(data.start, data.end, at) @ R for at in (0.2, 0.5))
+    peak, memory = kernel.Peak(at_peak, ours), (0.4, 0.3)
+    args = (np.array([0.5]), *sampled, R[None], reach, peak, memory)
+    mean, variance, pairs, inflation = kernel.contrast(data, *args)
     expected = np.average(gap, weights=weight[both])
     assert mean[0] == pytest.approx(expected)
     assert variance[0] == pytest.approx(np.average((gap - expected) ** 2, weights=weight[both]))
     assert pairs[0] == both.sum()
+    apart, t = (weight[:, None] * (others - ours))[both], data.start[both]
+    lag = np.abs(np.subtract.outer(t, t))
+    correlation = np.where(lag == 0, 1.0, memory[0] * np.exp(-lag / memory[1]))
+    shared = np.einsum("ia,ij,ja->", apart, correlation, apart)
+    assert inflation[0] == pytest.approx(shared / np.sum(apart**2))
 
 
 def naive_scores(made, track, offset, R, reach):
@@ -395,7 +403,8 @@ def test_on_an_s_curve_only_offsets_near_the_peak_are_plausible():
     refined = refine_offset(made.headings, track, 0.2)
     near = offsets[plausible_offsets(made.headings, track, offsets, refined)]
     assert np.abs(near - refined.offset).max() < 0.06
-    wider = plausible_offsets(made.headings, track, offsets, refined, inflation=25.0)
+    slow = NoiseModel(0.9, 1.0)
+    wider = plausible_offsets(made.headings, track, offsets, refined, noise=slow)
     assert wider.sum() > 2 * near.size
 
 

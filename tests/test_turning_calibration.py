@@ -128,7 +128,7 @@ def test_a_position_that_was_given_is_used_or_contradicted():
     told = calibrated("eight", LEVER)
     np.testing.assert_allclose(told.position, LEVER)
     assert not told.verdict.doubts
-    assert told.rotation_radius <= free.rotation_radius
+    assert told.data_radius <= free.data_radius
     assert rotation_angle(told.R_body_cam, R_BODY_CAM) < told.rotation_radius
     wrong = calibrated("eight", (LEVER[0], LEVER[1] + 0.3, LEVER[2]))
     (doubt,) = wrong.verdict.doubts

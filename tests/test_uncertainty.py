@@ -64,6 +64,10 @@ def test_the_likelihood_is_that_of_the_dense_gaussian(seed, share, memory):
     share = min(share, 0.999)
     found = kernel.log_likelihood(t, noise, share, memory)
     assert found == pytest.approx(naive.log_likelihood(t, noise, share, memory), rel=1e-8)
+    fitted = np.linalg.qr(rng.standard_normal((25, 3)))[0]
+    found = kernel.restricted_likelihood(t, noise, fitted, share, memory)
+    expected = naive.restricted_likelihood(t, noise, fitted, share, memory)
+    assert found == pytest.approx(expected, rel=1e-8)
 
 
 @settings(deadline=None, max_examples=30)
@@ -92,6 +96,19 @@ def test_a_mean_under_ar1_noise_has_the_textbook_inflation(rho):
     assert model.inflation(step * np.arange(n)) == pytest.approx(expected, rel=1e-6)
 
 
+def test_noise_adds_up_where_its_weights_do():
+    """The sum over all pairs of times, written out; opposite weights near each other give 1."""
+    rng = np.random.default_rng(0)
+    t, weights = np.sort(rng.uniform(0, 5, 40)), rng.uniform(0, 1, (40, 3))
+    model = NoiseModel(0.6, 0.5)
+    lag = np.abs(np.subtract.outer(t, t))
+    correlation = np.where(lag == 0, 1.0, 0.6 * np.exp(-lag / 0.5))
+    expected = np.einsum("ia,ij,ja->", weights, correlation, weights) / np.sum(weights**2)
+    assert model.inflation_of(t, weights) == pytest.approx(expected)
+    assert model.inflation_of(t, np.where(np.arange(40) % 2, 1.0, -1.0)[:, None]) == 1.0
+    assert model.inflation_of(t, 0 * weights) == 1.0
+
+
 def test_the_correlation_falls_by_e_over_its_memory():
     assert NoiseModel(0.6, 0.5).correlation(0.5) == pytest.approx(0.6 / np.e)
 
@@ -117,6 +134,21 @@ def test_the_fit_is_the_best_on_a_fine_grid():
         for m in np.geomspace(0.02, 10, 40)
     ]
     assert best >= max(grid) - 1e-2
+
+
+def test_noise_as_slow_as_what_was_fitted_is_not_missed():
+    """Residuals of an S-curve's offset and turn; 24 s hold few memories, so 40 drives are asked."""
+    rng = np.random.default_rng(8)
+    t = np.arange(720) / 30
+    fitted = np.stack([np.ones_like(t), np.cos(2 * np.pi * t / 8)], axis=1)
+    fit = fitted @ np.linalg.pinv(fitted)
+    weights, truth = fitted[:, 1:], NoiseModel(0.2, 1.0)
+    ratio = []
+    for _ in range(40):
+        noise = coloured(t, truth.share, truth.memory, 1, rng)
+        found = fit_noise(t, noise - fit @ noise, fitted)
+        ratio.append(found.inflation_of(t, weights) / truth.inflation_of(t, weights))
+    assert np.mean(ratio) == pytest.approx(1.0, abs=0.2)
 
 
 def test_white_noise_has_next_to_no_inflation():
@@ -223,7 +255,7 @@ def test_tukeys_loss_costs_five_percent_of_the_variance_on_normal_noise():
     variances = []
     for reach in (0.5 * (5.12 * 0.05) ** 2, np.inf):
         found = joint_covariance(t, e, d, rate, np.ones(4000), reach)
-        variances.append(np.diag(found.full) / found.noise.inflation(t))
+        variances.append(np.diag(found.full)[2:] / found.noise.inflation(t))
     np.testing.assert_allclose(variances[0] / variances[1], 1 / 0.95, rtol=0.05)
 
 

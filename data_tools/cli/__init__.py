@@ -1,7 +1,7 @@
 """The command line, thin over both packages.
 
-Exit codes: 0 the rotation is determined; 2 bad input; 3 the motion cannot answer; 4 repeated runs
-contradict each other; 130 Ctrl-C.
+Exit codes: 0 the rotation is determined; 2 bad input; 3 the motion cannot answer; 4 the data
+contradict the answer, or repeated runs each other; 130 Ctrl-C.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ import typer
 
 # Importing them adds their commands, in this order.
 from data_tools.cli import _calibrate, _files, _lab, _studies  # noqa: F401
-from data_tools.cli._options import BAD_INPUT, INTERRUPTED, NO_ANSWER, Interrupted, app
+from data_tools.cli._options import BAD_INPUT, DOUBTS, INTERRUPTED, NO_ANSWER, Interrupted, app
 from evcalib.errors import EvcalibError, NoAnswerError
 
-__all__ = ["BAD_INPUT", "NO_ANSWER", "app", "main"]
+__all__ = ["BAD_INPUT", "DOUBTS", "NO_ANSWER", "app", "main"]
 
 # The class of all errors of usage; typer has it from click, or brings its own copy of click.
 UsageError: Any = typer.BadParameter.__bases__[0]

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 from zipfile import is_zipfile
 
+import numpy as np
 import typer
 
 from data_tools.cli import _options as common
@@ -43,6 +44,15 @@ TwistFrame = Annotated[
     str | None,
     typer.Option(
         help="body or ground: the frame of a bag's twists, if the bag contradicts itself."
+    ),
+]
+
+
+OdometrySd = Annotated[
+    float | None,
+    typer.Option(
+        help="Error of all directions of the odometry in degrees (sd), such as of a steering zero;"
+        " by default that of the kind of wheels."
     ),
 ]
 
@@ -93,6 +103,7 @@ def calibrate(
     stream: common.Stream = None,
     surface: Annotated[str, typer.Option(help="tos_ts, tos, ts, silc or dist.")] = "tos_ts",
     rate: Annotated[float, typer.Option(help="Keyframes per second.")] = 20.0,
+    odometry_sd: OdometrySd = None,
     seed: common.Seed = 0,
     overwrite: common.Overwrite = False,
     as_json: common.Json = False,
@@ -135,6 +146,7 @@ def calibrate(
         refinement=refinement,
         surface=surface,
         rate=rate,
+        odometry_sd=_radians(odometry_sd),
         seed=seed,
     )
     common.print_calibration(run.calibration, as_json)
@@ -269,6 +281,7 @@ def align(
         float | None,
         typer.Option(help="Longest step to interpolate over, in seconds."),
     ] = None,
+    odometry_sd: OdometrySd = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the bootstrap.")] = 0,
     output: Annotated[
         Path | None,
@@ -299,6 +312,7 @@ def align(
         offset=offset,
         max_gap=max_gap,
         hold=hold,
+        odometry_sd=_radians(odometry_sd),
         seed=seed,
     )
     if output is not None:
@@ -328,6 +342,8 @@ def streams(
             raise InputError(f"{headings} holds both streams: give no velocities beside it")
         pairs = read_paired_streams(headings)
         return pairs.headings, pairs.velocities, pairs.hold
+    if velocities is not None and _one_file(headings, velocities):
+        raise InputError(f"{headings} is given twice: headings and velocities are two files")
     if velocities is None:
         raise InputError(f"a velocities file is needed beside {headings}")
     found: list[str] = []
@@ -338,6 +354,10 @@ def streams(
         if notes is not None:
             notes(line)
     return camera, source.velocities, 0.0
+
+
+def _one_file(one: Path, other: Path) -> bool:
+    return one.exists() and other.exists() and one.samefile(other)
 
 
 def _write_alignment(output: Path, calibration: Calibration, overwrite: bool) -> None:
@@ -352,6 +372,10 @@ def _write_alignment(output: Path, calibration: Calibration, overwrite: bool) ->
             writer: Any = lambda path, data=picture: path.write_bytes(data)  # noqa: E731
             folder.write(f"{name}.png", writer)
         folder.write("calibration.yaml", lambda path: write_calibration(path, calibration))
+
+
+def _radians(degrees: float | None) -> float | None:
+    return None if degrees is None else float(np.radians(degrees))
 
 
 def _position(text: str | None) -> tuple[float, float, float] | None:

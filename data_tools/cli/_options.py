@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 BAD_INPUT = 2
 NO_ANSWER = 3
-CONTRADICTION = 4
+DOUBTS = 4
 INTERRUPTED = 130
 
 INPUTS = (
@@ -147,9 +147,11 @@ def print_calibration(calibration: Calibration, as_json: bool) -> None:
 
 
 def exit_by(calibration: Calibration) -> None:
-    """End with the code of a motion that cannot answer, if it cannot."""
+    """End with the code of a motion that cannot answer, or of data that contradict the model."""
     if not calibration.rotation_observable:
         raise typer.Exit(NO_ANSWER)
+    if calibration.verdict.doubts:
+        raise typer.Exit(DOUBTS)
 
 
 def command_line() -> str:

@@ -203,4 +203,4 @@ def repeat(
         if not as_json:
             common.tell(f"\nWritten to {output}.", output)
     if found.contradict:
-        raise typer.Exit(common.CONTRADICTION)
+        raise typer.Exit(common.DOUBTS)

@@ -13,6 +13,7 @@ import yaml
 
 from data_tools.files.text import LARGEST_YAML, read_text, read_yaml
 from evcalib.alignment import Calibration
+from evcalib.alignment.verdict import PIXEL_DELAY
 from evcalib.arrays import Floats
 from evcalib.errors import InputError
 from evcalib.geometry import camera_looks, matrix_to_quaternion, matrix_to_rpy, quaternion_to_matrix
@@ -96,12 +97,15 @@ def summary_dict(calibration: Calibration) -> dict[str, Any]:
         ],
         "independent_stretches": float(calibration.samples),
         "rotation_radius_deg": math.degrees(calibration.rotation_radius),
+        "rotation_radius_of_data_deg": math.degrees(calibration.data_radius),
+        "rotation_radius_of_odometry_deg": math.degrees(calibration.odometry_radius),
         "rotation_observable": bool(calibration.rotation_observable),
         "unknown_axis": None if unknown is None else [float(x) for x in unknown],
         **_position_dict(calibration),
         "verdict": str(calibration.verdict),
         "doubts": list(calibration.verdict.doubts),
         "converged": joint is None or bool(joint.converged),
+        "pixel_delay": PIXEL_DELAY,
         "inlier_share": float(calibration.inlier_share),
         "headings_used": len(calibration.residuals.t),
         "diagnostics": {
@@ -362,6 +366,7 @@ def summary_text(calibration: Calibration) -> str:
         + ", ".join(f"{min(x, 180.0):.2f}" for x in sd)
         + " deg;"
         f" error within {math.degrees(calibration.rotation_radius):.2f} deg (95 %)",
+        *([f"           of this {parts} deg"] if (parts := calibration.radius_parts) else []),
         f"           the camera looks {camera_looks(calibration.R_body_cam)}"
         + ("" if calibration.rotation_observable else ", if the rotation were known"),
         offset,

@@ -83,6 +83,16 @@ def _centre(rng: Generator, camera: Camera) -> tuple[Fault, float]:
     return Fault(centre=(x, y)), float(np.hypot(x, y))
 
 
+def _tilt(rng: Generator, camera: Camera) -> tuple[Fault, float]:
+    size = _within(rng, 0.1, 1.0)
+    return Fault(tilt=float(np.radians(size))), size
+
+
+def _vibration(rng: Generator, camera: Camera) -> tuple[Fault, float]:
+    size = _within(rng, 0.1, 0.5)
+    return Fault(vibration=float(np.radians(size))), size
+
+
 FAULTS: dict[str, Callable[[Generator, Camera], tuple[Fault, float]]] = {
     "none": lambda rng, camera: (Fault(), 0.0),
     "drift": _drift,
@@ -97,6 +107,8 @@ FAULTS: dict[str, Callable[[Generator, Camera], tuple[Fault, float]]] = {
     "lever": _lever,
     "focal": _focal,
     "centre": _centre,
+    "tilt": _tilt,
+    "vibration": _vibration,
 }
 """Draw an error of the model; its size in the unit that its group names, or px, or m."""
 

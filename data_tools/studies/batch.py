@@ -167,6 +167,8 @@ def trial(
     for name in ("size", "camera_position"):
         if name in given:
             given[name] = tuple(given[name])
+    if "odometry_sd" in given:
+        given["odometry_sd"] = np.radians(given["odometry_sd"])
     for group, names in (("reading", READING_OPTIONS), ("motion", MOTION_OPTIONS)):
         options = {new: given.pop(name) for name, new in names.items() if name in given}
         if options:

@@ -147,6 +147,7 @@ KEYS: dict[str, Callable[[Any, Path], Any]] = {
     "disorder": _one_of("refuse", "sort", "drop"),
     "stream": _word,
     "surface": _word,
+    "odometry_sd": _number(0, "an angle in degrees, not negative"),
     "rate": _number(0, "a positive number of keyframes per second", above=True),
     "seed": _whole,
 }

@@ -43,6 +43,8 @@ CELLS = (
     Cell("yaw told, lever arm not", {"fault": "lever"}),
     Cell("focal length +-5 %", {"fault": "focal"}),
     Cell("principal point +-5 %", {"fault": "centre"}),
+    Cell("tilt 0.1 to 1 deg per m/s^2", {"fault": "tilt"}),
+    Cell("vibration 0.1 to 0.5 deg", {"fault": "vibration"}),
 )
 """One error of the model each."""
 

@@ -65,7 +65,22 @@ OTHERS = (
         for deg in (5, 10, 20)
     ),
 )
-CASES = ACCURACY + OTHERS
+SLOW = tuple(
+    _case(
+        f"slow odometry {sd:g}, {name}",
+        white(0.1),
+        {**course, "velocity_noise": white(sd, rho=0.98)},
+    )
+    for name, course in {
+        "s-curve": CURVE,
+        "lively": LIVELY,
+        "polyline": {"motion": "polyline", "max_offset": 0.7},
+        "zigzag": {"motion": "zigzag", "turn_deg": 60.0, "side_s": 2.0, "max_offset": 0.9},
+    }.items()
+    for sd in (0.05, 0.1, 0.2)
+)
+"""Odometry whose noise remembers for a second: drift, as of wheels that creep."""
+CASES = ACCURACY + OTHERS + SLOW
 """The second group asks mostly what is flagged."""
 
 

@@ -8,9 +8,11 @@ calibrations can be judged, also with models that are wrong on purpose (`Fault`)
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.signal import lsim
 
 from data_tools.simulation.drives import Drive
 from data_tools.simulation.random_drives import wobble
@@ -49,6 +51,12 @@ GATHERED = 0.06
 
 WHEEL_RATE = 50.0
 
+SUSPENSION = 2.0, 0.4
+"""Frequency [Hz] and damping of a body on its wheels."""
+
+VIBRATION = 5.0, 15.0
+"""Band of the vibration [Hz]."""
+
 
 @dataclass(frozen=True)
 class Fault:
@@ -78,6 +86,11 @@ class Fault:
         Focal length as told, over the true one.
     centre : tuple of float
         Principal point as told less the true one [px].
+    tilt : float
+        The body pitches and rolls by so much per acceleration [rad per m/s^2], after a swing: nose
+        up when it speeds up, out of a curve.
+    vibration : float
+        The body turns to and fro about three axes, each by so much, rms [rad].
     """
 
     drift: float = 0.0
@@ -93,6 +106,8 @@ class Fault:
     lever: tuple[float, float, float] = (0.0, 0.0, 0.0)
     focal: float = 1.0
     centre: tuple[float, float] = (0.0, 0.0)
+    tilt: float = 0.0
+    vibration: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -225,7 +240,8 @@ def sight(
     t = t[outside(t, corners.gaps)]
     body = t + offset + _clock_error(fault, t, rng)
     t, body = (some[(body >= 0) & (body <= drive.duration)] for some in (t, body))
-    made = sighted(path, rng, camera, R_body_cam, corners, fault.lever, t, body)
+    shake = _shake(drive, rng, fault)
+    made = sighted(path, rng, camera, R_body_cam, corners, fault.lever, shake, t, body)
     told = replace(
         camera,
         fx=camera.fx * fault.focal,
@@ -242,6 +258,23 @@ def sight(
         false=corners.false,
         seed=int(rng.integers(1 << 31)),
     )
+
+
+def _shake(drive: Drive, rng: np.random.Generator, fault: Fault) -> Callable[[Floats], Floats]:
+    """Return by what the body is turned beyond its drive, as rotation vectors [rad] of times."""
+    t = np.arange(0.0, drive.duration + 0.05, 0.002)
+    turned = np.zeros((t.size, 3))
+    if fault.tilt:
+        v, rate = drive.velocity(t), 2 * np.pi * SUSPENSION[0]
+        ahead, left = np.gradient(v[:, :2], t, axis=0).T + drive.yaw_rate(t) * [-v[:, 1], v[:, 0]]
+        swing = [rate**2], [1.0, 2 * SUSPENSION[1] * rate, rate**2]
+        for axis, pull in ((0, left), (1, -ahead)):
+            turned[:, axis] = fault.tilt * lsim(swing, pull, t)[1]
+    if fault.vibration:
+        rates, phase = 2 * np.pi * rng.uniform(*VIBRATION, (20, 3)), rng.uniform(0, 7, (20, 3))
+        waves = np.cos(rates * t[:, None, None] + phase).sum(axis=1)
+        turned += fault.vibration * np.sqrt(2.0 / 20) * waves
+    return lambda when: np.stack([np.interp(when, t, axis) for axis in turned.T], axis=1)
 
 
 def _clock_error(fault: Fault, t: Floats, rng: np.random.Generator) -> Floats:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from data_tools.simulation.random_drives import Spans
 from data_tools.simulation.trajectory import Trajectory
@@ -81,12 +83,22 @@ def sighted(
     R_body_cam: Floats,
     corners: Corners,
     lever: tuple[float, float, float],
+    shake: Callable[[Floats], Floats],
     t: Floats,
     body: Floats,
 ) -> Sightings:
-    """Draw corners that come into being all along the drive, and see them in all keyframes."""
-    positions, turns = path.position_at(body), path.rotation_at(body)
-    centres, axes = positions + turns @ np.asarray(lever), turns @ R_body_cam
+    """Draw corners that come into being all along the drive, and see them in all keyframes.
+
+    `shake` tells the rotation vectors (n, 3) [rad] by which the body is turned beyond the path, in
+    its own frame.
+    """
+
+    def pose(when: Floats) -> tuple[Floats, Floats]:
+        """Return centres and axes of the camera."""
+        R = path.rotation_at(when) @ Rotation.from_rotvec(shake(when)).as_matrix()
+        return path.position_at(when) + R @ np.asarray(lever), R @ R_body_cam
+
+    centres, axes = pose(body)
     # In view of some keyframe: a pixel, a distance.
     births = int(corners.count * max(t.size / (RATE * corners.life), 1.0))
     at = rng.integers(0, t.size, births)
@@ -108,10 +120,9 @@ def sighted(
     def seen(late: float) -> Floats:
         """Return pixels at the keyframes, or a little later."""
         when = np.clip(body + late, path.t[0], path.t[-1])
-        R = path.rotation_at(when)
-        where = path.position_at(when) + R @ np.asarray(lever)
+        where, R = pose(when)
         now = points[corner] + speed[corner] * (when[keyframe] - body[at[corner]])[:, None]
-        ray = np.einsum("nji,nj->ni", (R @ R_body_cam)[keyframe], now - where[keyframe])
+        ray = np.einsum("nji,nj->ni", R[keyframe], now - where[keyframe])
         return np.where(ray[:, 2:] > 0.2, camera.project(ray), np.nan)
 
     h = 1e-3

@@ -10,6 +10,7 @@ import numpy as np
 from evcalib import checks
 from evcalib.alignment._answers import OffsetAnswer, RotationAnswer
 from evcalib.alignment._bootstrap import bootstrap, sampling_floor
+from evcalib.alignment._causes import likely_cause
 from evcalib.alignment._evidence import Evidence, unknown_axis
 from evcalib.alignment._result import Calibration
 from evcalib.alignment._stream_pair import StreamPair, enough
@@ -43,6 +44,7 @@ def align(
     min_speed: float | None = None,
     hold: float = 0.0,
     smooth: bool = True,
+    odometry_sd: float | None = None,
     seed: int = 0,
 ) -> Calibration:
     """Find the time offset and the rotation between camera headings and body velocities.
@@ -69,6 +71,9 @@ def align(
         Offset [s] to use where the motion does not determine it; 0 if not given.
     max_gap, min_speed, hold, smooth
         See :func:`evcalib.kinematics.velocity_track.velocity_track`.
+    odometry_sd : float, optional
+        Standard deviation [rad] of an error that all directions of the odometry share, such as a
+        steering zero; what the velocities say (`VelocitySeries.direction_sd`) if not given.
     seed : int
         Seed of the bootstrap that stands in where instant turns defeat the covariance.
 
@@ -104,6 +109,7 @@ def align(
         "min_speed": min_speed,
         "hold": hold,
         "smooth": smooth,
+        "odometry_sd": odometry_sd,
         "seed": seed,
     }
     _check(settings)
@@ -146,6 +152,7 @@ def align(
         body_turns=velocities.turning,
         at_edge=evidence.at_edge,
         sharp_turns=evidence.sharp_turns,
+        cause="" if solution.agrees else likely_cause(headings, velocities, found, max_offset),
     )
     answer = OffsetAnswer(
         used=used,
@@ -160,7 +167,27 @@ def align(
     calibration = Calibration.of(
         answer, rotation, diagnostics, solution.residuals, curve=curve, settings=settings
     )
+    if _one_stream(headings, velocities):
+        calibration = calibration.doubted(SAME)
+    if odometry_sd is not None:
+        return calibration.widened(float(odometry_sd), given=True)
     return calibration.widened(velocities.direction_sd)
+
+
+SAME = (
+    "Headings and velocities are the same numbers: was one stream given twice? Two sensors never"
+    " agree to the last digit, and nothing is calibrated."
+)
+
+
+def _one_stream(headings: HeadingSeries, velocities: VelocitySeries) -> bool:
+    """Tell whether the velocities point along the headings, row by row, to nine digits."""
+    known = np.isin(velocities.t, headings.t) & (velocities.speed > 0)
+    if known.sum() < len(headings):
+        return False
+    d = velocities.v[known] / velocities.speed[known, None]
+    e = headings.v[np.isin(headings.t, velocities.t[known])]
+    return bool(d.shape == e.shape and np.abs(d - e).max() < 1e-9)
 
 
 def _check(settings: dict[str, Any]) -> None:
@@ -169,6 +196,8 @@ def _check(settings: dict[str, Any]) -> None:
     checks.positive(settings["max_offset"], "max_offset", "seconds")
     if settings["offset"] is not None and not np.isfinite(settings["offset"]):
         raise InputError(f"offset must be a finite number of seconds, not {settings['offset']!r}")
+    if settings["odometry_sd"] is not None:
+        checks.at_least_zero(settings["odometry_sd"], "odometry_sd")
     if int(settings["seed"]) < 0:
         raise InputError(f"seed must not be negative, not {settings['seed']}")
 

@@ -56,13 +56,13 @@ class Evidence:
     ) -> Evidence:
         """Ask whether the motion determines the offset; all questions must be answered with yes."""
         headings, track = pair.headings, pair.track
-        inflation = found.residuals.t.size / found.independent
+        noise = found.noise
         offsets = candidate_offsets(max_offset)
-        alike = plausible_offsets(headings, track, offsets, refined, inflation=inflation)
+        alike = plausible_offsets(headings, track, offsets, refined, noise=noise)
         plausible, part = offsets[alike], pair.span(refined.offset)
         turns = heading_rate_test(track, *part)
         steady = steady_turning(track, *part)
-        follows = preference(headings, track, steady, refined, inflation=inflation)
+        follows = preference(headings, track, steady, refined, noise=noise)
         sd = float(np.sqrt(found.covariance.full[3, 3]))
         at_edge = curve is not None and (curve.at_edge or abs(refined.offset) > max_offset)
         observable = bool(

@@ -14,6 +14,7 @@ from evcalib.alignment.verdict import Diagnostics, Verdict, judge
 from evcalib.arrays import Floats
 from evcalib.display import Rows, Shown
 from evcalib.geometry import LOOKS_FORWARD, rpy_text
+from evcalib.kinematics import WARN_SLIP
 from evcalib.uncertainty import rotation_radius, rotation_sd
 
 
@@ -55,6 +56,9 @@ class Calibration(Shown):
         The same in words.
     settings : dict
         Parameters of the call.
+    odometry_sd : float
+        Standard deviation [rad] of an error about the body's Z axis that all directions share,
+        which the covariance counts.
     """
 
     R_body_cam: Floats
@@ -73,6 +77,7 @@ class Calibration(Shown):
     diagnostics: Diagnostics
     verdict: Verdict
     settings: dict[str, Any] = field(default_factory=dict)
+    odometry_sd: float = 0.0
 
     @classmethod
     def of(
@@ -111,36 +116,61 @@ class Calibration(Shown):
         """Independent stretches of motion behind the error bars."""
         return self.diagnostics.independent_headings
 
-    def widened(self, direction_sd: float) -> Self:
+    def widened(self, direction_sd: float, *, because: str = "", given: bool = False) -> Self:
         """Return the calibration with an error that all directions of the body share.
 
         Parameters
         ----------
         direction_sd : float
             Standard deviation about the body's Z axis [rad]; 0 changes nothing.
+        because : str
+            Where it comes from, in words, if not from the odometry.
+        given : bool
+            Whether the user gave it.
 
         Returns
         -------
         Calibration
-            With a wider rotation, and a doubt in the verdict.
+            With a wider rotation, the reason in its verdict, and a doubt where it is that wheels
+            contradict each other.
         """
         if direction_sd == 0:
             return self
         common = np.diag([0.0, 0.0, direction_sd**2])
         covariance = self.rotation_covariance + common
-        doubt = (
-            "The wheels contradict each other: all directions may be off by"
-            f" {np.degrees(direction_sd):.1f} deg (sd), which the error bars of the rotation count."
-            " Look at steering zeros, units and signs of the wheel log."
-        )
-        reasons, doubts = (*self.verdict.reasons, doubt), (*self.verdict.doubts, doubt)
+        reason, doubts = because or _shared(direction_sd, given), self.verdict.doubts
+        if not because and not given and direction_sd > WARN_SLIP:
+            doubts = (*doubts, reason)
         return replace(
             self,
             rotation_covariance=covariance,
             rotation_sd=rotation_sd(covariance),
             rotation_radius=float(np.hypot(self.rotation_radius, rotation_radius(common))),
-            verdict=replace(self.verdict, reasons=reasons, doubts=doubts),
+            odometry_sd=float(np.hypot(self.odometry_sd, direction_sd)),
+            verdict=replace(self.verdict, reasons=(*self.verdict.reasons, reason), doubts=doubts),
         )
+
+    def doubted(self, *doubts: str) -> Self:
+        """Return the calibration with doubts in its verdict."""
+        return replace(self, verdict=self.verdict.doubted(*doubts))
+
+    @property
+    def odometry_radius(self) -> float:
+        """The part of `rotation_radius` [rad] that is of the odometry; 0 if there is none."""
+        return rotation_radius(np.diag([0.0, 0.0, self.odometry_sd**2]))
+
+    @property
+    def data_radius(self) -> float:
+        """The part of `rotation_radius` [rad] that is of the data: what a longer drive lessens."""
+        return float(np.sqrt(max(self.rotation_radius**2 - self.odometry_radius**2, 0.0)))
+
+    @property
+    def radius_parts(self) -> str:
+        """Both parts of `rotation_radius` in words, or nothing where there is one."""
+        if self.odometry_sd == 0 or not np.isfinite(self.rotation_radius):
+            return ""
+        data, odometry = np.degrees(self.data_radius), np.degrees(self.odometry_radius)
+        return f"{data:.2f} of the data, {odometry:.2f} of the odometry"
 
     _most_lines = 2
 
@@ -152,7 +182,8 @@ class Calibration(Shown):
             exact = f" +- {self.offset_sd:.4f} s (sd), 95 % {interval}"
         else:
             exact = f", not determined: plausible {interval}" if np.isfinite(low) else ""
-        sure = f", error below {np.degrees(self.rotation_radius):.2f} deg (95 %)"
+        parts = self.radius_parts and f": {self.radius_parts}"
+        sure = f", error below {np.degrees(self.rotation_radius):.2f} deg (95 %{parts})"
         if not self.rotation_observable:
             sure = ", not determined" if np.isfinite(self.rotation_radius) else ""
         used = len(self.residuals.t)
@@ -167,3 +198,16 @@ class Calibration(Shown):
             rows.append(("doubts", " ".join(self.verdict.doubts)))
         told = {"without", *(f.name for f in fields(Calibration))}
         return rows + [row for row in super()._shown_rows() if row[0] not in told]
+
+
+def _shared(direction_sd: float, given: bool) -> str:
+    """Say what error all directions of the odometry may share."""
+    off = f"off by {np.degrees(direction_sd):.1f} deg (sd), which the error bars of the rotation"
+    if given:
+        return f"All directions may be {off} count, as was given."
+    if direction_sd > WARN_SLIP:
+        return (
+            f"The wheels contradict each other: all directions may be {off} count."
+            " Look at steering zeros, units and signs of the wheel log."
+        )
+    return f"Wheels like these creep: all directions may be {off} count (--odometry-sd)."

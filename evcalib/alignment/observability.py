@@ -196,12 +196,24 @@ def _block_means(
     direction = total / length[:, None]
     sigma, rho = coloured_noise(track.raw, track.segment, float(np.median(np.diff(track.t))))
     # Noise along the direction does not turn it.
-    across = float(np.mean((1.0 - direction**2) @ sigma**2)) * (1 + rho) / (1 - rho)
+    across = float(np.mean((1.0 - direction**2) @ sigma**2))
     mean_t = np.add.reduceat(t, first) / count
     # A block cut short by a gap or an end is noisier than the others.
     full = count >= 0.8 * np.median(count)
-    variance = across * float(np.mean((count / length**2)[full]))
+    memory = _slow_variance(rho, float(np.median(count[full])))
+    variance = across * memory * float(np.mean((count / length**2)[full]))
     return mean_t[full], direction[full], segment[first][full], variance
+
+
+def _slow_variance(rho: float, count: float) -> float:
+    """Return by how much AR(1) memory raises the variance that blocks of samples show, at most.
+
+    ``(1 + rho) / (1 - rho)`` is that of a mean over more than the memory.  Where the memory is
+    longer than a block, means of neighbouring blocks share their noise: their difference cannot
+    have more than that of a random walk of the same steps, of variance ``1 - rho ** 2``, which is
+    2 count / 3 of these.
+    """
+    return min((1 + rho) / (1 - rho), count**2 * (1 - rho**2) / 3)
 
 
 def direction_spread(d: Floats, track: VelocityTrack) -> DirectionSpread:

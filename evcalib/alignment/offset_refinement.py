@@ -13,7 +13,10 @@ from evcalib.arrays import Flags, Floats
 from evcalib.kernels.alignment import offset as kernel
 from evcalib.kinematics.velocity_track import VelocityTrack
 from evcalib.series import HeadingSeries
-from evcalib.uncertainty import peak_of_parabola
+from evcalib.uncertainty import NoiseModel, peak_of_parabola
+
+WHITE = NoiseModel(0.0, 1.0)
+"""Noise without memory."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +105,7 @@ def plausible_offsets(
     offsets: Floats,
     refined: RefinedOffset,
     *,
-    inflation: float = 1.0,
+    noise: NoiseModel = WHITE,
     gate: float = 2.0,
 ) -> Flags:
     """Tell which candidates the data cannot tell from the peak.
@@ -117,8 +120,9 @@ def plausible_offsets(
         As in :func:`find_offset`.
     refined : RefinedOffset
         The peak.
-    inflation : float
-        Variance inflation of a mean, from the correlation of the noise over time.
+    noise : NoiseModel
+        Correlation of the residuals over time.  It counts where the two body directions differ:
+        about instant turns noise that lasts for a second has a few headings to add up over.
     gate : float
         Standard errors.
 
@@ -130,10 +134,11 @@ def plausible_offsets(
     pair = StreamPair.of(headings, track)
     scale = _narrow(refined.mixture.sigma)
     _, totals, rotations = pair.profile(offsets, np.append(WIDE_LOSS_SCALES, [scale, scale]))
-    peak = _scores(pair, refined, scale)
-    mean, variance, pairs = kernel.contrast(
-        pair.columns, offsets, track.arrays, track.limits, rotations, scale, peak
-    )
+    scores, seen = _scores(pair, refined, scale)
+    mean, variance, pairs, inflation = kernel.contrast(
+        pair.columns, offsets, track.arrays, track.limits, rotations, scale,
+        kernel.Peak(scores, seen), (noise.share, noise.memory),
+    )  # fmt: skip
     error = np.sqrt(inflation * variance / np.maximum(pairs, 1))
     compared = (pairs >= 3) & (totals >= MIN_OVERLAP * totals.max())
     return compared & (mean <= gate * error)
@@ -145,13 +150,13 @@ def preference(
     other: VelocityTrack,
     refined: RefinedOffset,
     *,
-    inflation: float = 1.0,
+    noise: NoiseModel = WHITE,
 ) -> float:
     """Return by how many standard errors the headings prefer one track to another (Vuong 1989).
 
     Parameters
     ----------
-    headings, track, refined, inflation
+    headings, track, refined, noise
         As in :func:`plausible_offsets`.
     other : VelocityTrack
         The rival, which gets a rotation of its own.
@@ -160,14 +165,15 @@ def preference(
     rivals = pair.along(other)
     scale = _narrow(refined.mixture.sigma)
     rival, _ = _at(rivals, refined.offset, np.append(WIDE_LOSS_SCALES, [scale, scale, scale]))
-    first = _scores(pair, refined, scale)
-    second = _scores(rivals, replace(refined, R_body_cam=rival), scale)
+    first, seen = _scores(pair, refined, scale)
+    second, seen_too = _scores(rivals, replace(refined, R_body_cam=rival), scale)
     both = (first >= 0) & (second >= 0)
     gap = (first - second)[both]
     w = pair.weight[both]
     if gap.size < 3 or not w.any():
         return 0.0
     mean = float(np.average(gap, weights=w))
+    inflation = noise.inflation_of(pair.headings.t[both], w[:, None] * (seen - seen_too)[both])
     spread = float(np.sqrt(np.average((gap - mean) ** 2, weights=w) * inflation / gap.size))
     return mean / spread if spread > 0 else 0.0
 
@@ -177,11 +183,16 @@ def _narrow(sigma: float) -> float:
     return min(tukey_scale(sigma), 0.5)
 
 
-def _scores(pair: StreamPair, refined: RefinedOffset, scale: float) -> Floats:
-    """Return the Tukey score of each heading at the refined offset, -1 where it is not covered."""
+def _scores(pair: StreamPair, refined: RefinedOffset, scale: float) -> tuple[Floats, Floats]:
+    """Return the Tukey score of each heading at the refined offset, and what it is compared with.
+
+    Scores are -1 where the odometry does not cover a heading; body directions (n, 3) are turned
+    into the camera frame.
+    """
     d, known = pair.directions(refined.offset)
     u = cosine_residuals(pair.headings.v, d, refined.R_body_cam)
-    return np.where(known, np.maximum(0.0, 1.0 - u / scale) ** 3, -1.0)
+    scores = np.where(known, np.maximum(0.0, 1.0 - u / scale) ** 3, -1.0)
+    return scores, np.ascontiguousarray(d @ refined.R_body_cam)
 
 
 def _at(pair: StreamPair, offset: float, loss_scales: Floats) -> tuple[Floats, Mixture]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -45,6 +45,24 @@ TURN_OTHERWISE = (
     " and turns in place hide the rest."
 )
 
+DISAGREE = "The headings do not agree with the odometry: nothing is determined."
+
+CONTRADICTED = "Headings and sightings contradict each other: nothing is determined."
+
+BUT = "But the data contradict the model."
+
+NO_CAUSE = (
+    "No cause shows: another unit of one speed and another frame of the velocities were tried. Look"
+    " at the headings, at the camera file, and whether both logs are of one drive."
+)
+
+PIXEL_DELAY = (
+    "The pixels' own delay is part of the offset and cannot be told from it: about 2 ms at a"
+    " bandwidth of 200 Hz, 9 ms at 50 Hz, 22 ms at 20 Hz (dim light, low bias currents)."
+)
+"""What no drive can tell; the figures are those of pixels as low-pass filters of first order in a
+simulated room."""
+
 
 @dataclass(frozen=True, eq=False)
 class Diagnostics(Shown):
@@ -82,6 +100,8 @@ class Diagnostics(Shown):
         Whether the motion has instant turns, so that errors are bootstrapped.
     turning_counted : bool
         Whether rotation and error bars take account of the turning of the body.
+    cause : str
+        What would make headings agree that do not, as advice; nothing where none was found.
     """
 
     heading_rate_z: float
@@ -99,6 +119,7 @@ class Diagnostics(Shown):
     at_edge: bool
     sharp_turns: bool
     turning_counted: bool = False
+    cause: str = ""
 
 
 @dataclass(frozen=True)
@@ -123,6 +144,15 @@ class Verdict:
     advice: tuple[str, ...]
     doubts: tuple[str, ...] = ()
 
+    def doubted(self, *doubts: str) -> Verdict:
+        """Return the verdict with more doubts, which are reasons too."""
+        if not doubts:
+            return self
+        plain = bool(self.doubts) or self.summary in (DISAGREE, CONTRADICTED)
+        summary = self.summary if plain else f"{self.summary} {BUT}"
+        reasons = (*self.reasons, *doubts)
+        return replace(self, summary=summary, reasons=reasons, doubts=(*self.doubts, *doubts))
+
     def __str__(self) -> str:
         return " ".join((self.summary, *self.reasons, *self.advice))
 
@@ -142,8 +172,12 @@ def judge(diagnostics: Diagnostics, offset: OffsetAnswer, rotation: RotationAnsw
     Verdict
         Without doubts, which come from later stages.
     """
+    agreement = _about_agreement(diagnostics)
+    if diagnostics.cause:
+        # What else does not fit follows from the same cause.
+        return Verdict(DISAGREE, *(tuple(some) for some in agreement))
     said = (
-        _about_agreement(diagnostics),
+        agreement,
         _about_offset(diagnostics, offset, rotation.determined),
         _about_axis(diagnostics, rotation.unknown_axis),
         _about_body(diagnostics),
@@ -152,7 +186,7 @@ def judge(diagnostics: Diagnostics, offset: OffsetAnswer, rotation: RotationAnsw
     reasons = tuple(reason for some, _ in said for reason in some)
     advice = tuple(remedy for _, some in said for remedy in some)
     if not diagnostics.agrees:
-        summary = "The headings do not agree with the odometry: nothing is determined."
+        summary = DISAGREE
     else:
         summary = _summary(offset, rotation)
     return Verdict(summary, reasons, advice)
@@ -168,7 +202,7 @@ def _about_agreement(diagnostics: Diagnostics) -> Said:
     return [
         "The headings agree with the odometry no better than chance would let a few of any"
         f" headings do ({diagnostics.independent_headings:.1f} independent ones agree)."
-    ], ["Look at the headings, and at which log belongs to which drive."]
+    ], [diagnostics.cause or NO_CAUSE]
 
 
 def _about_offset(diagnostics: Diagnostics, offset: OffsetAnswer, rotation: bool) -> Said:

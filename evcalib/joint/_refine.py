@@ -18,7 +18,7 @@ from evcalib.joint import _model_checks as checks
 from evcalib.joint._offset_search import FEWEST, GATE, Search, curve_of, search_offsets
 from evcalib.joint._result import SYSTEMATIC, JointRefinement, Systematic
 from evcalib.joint._solver import LAG, OFFSET, POSITION, Fit, Problem, covariance_of, solve
-from evcalib.joint._world_motion import jump_floor, world_motion, yaw_rate_error
+from evcalib.joint._world_motion import jump_floor, turning_radius, world_motion, yaw_rate_error
 from evcalib.joint.tracks import Tracks
 from evcalib.kinematics.velocity_track import VelocityTrack
 from evcalib.series import VelocitySeries
@@ -135,6 +135,9 @@ def refine_jointly(
     problem, fit, drift = checks.without_drift(problem, fit, free, widest)
     covariance, samples = covariance_of(problem, fit, free)
     covariance[:3, :3] += systematic.rotation_sd**2 * np.eye(3)
+    if estimate_position:
+        shared = systematic.rotation_sd * turning_radius(problem.motion)
+        covariance[POSITION, POSITION] += min(shared, problem.lever_sd) ** 2 * np.eye(2)
     search, told = None, np.r_[: OFFSET + 1, POSITION]
     if estimate_offset:
         search, width = _sharpness(problem, fit, grid[::2], free)

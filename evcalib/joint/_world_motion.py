@@ -46,6 +46,18 @@ def world_motion(velocities: VelocitySeries, track: VelocityTrack) -> WorldMotio
     return WorldMotion(track.t, v, slope, path, yaw, track.segment)
 
 
+def turning_radius(motion: WorldMotion) -> float:
+    """Return speed over yaw rate [m], root mean squares; huge where it never turns.
+
+    By so much does a position move, for each radian that directions of travel are off.
+    """
+    step = np.diff(motion.t)
+    inside = np.diff(motion.segment) == 0
+    yaw_rate = np.sqrt(np.mean((np.diff(motion.yaw) / step)[inside] ** 2))
+    speed = np.sqrt(np.mean(np.sum(motion.velocity**2, axis=1)))
+    return float(speed / max(yaw_rate, 1e-9))
+
+
 def jump_floor(track: VelocityTrack) -> float:
     """Return how well the time of a sudden change of the velocity is known [s]; 0 without any.
 

@@ -30,12 +30,19 @@ from evcalib.kinematics._checks import Parameter, VehicleCheck, check_vehicle, t
 from evcalib.kinematics._rolling import Rolling
 from evcalib.kinematics._states import BodyTwist, WheelLog, WheelStates
 from evcalib.kinematics._vehicles import Mecanum, Omni, Swerve
-from evcalib.kinematics._velocities import REFUSE_SLIP, BodyVelocities, Vehicle, body_velocities
+from evcalib.kinematics._velocities import (
+    REFUSE_SLIP,
+    WARN_SLIP,
+    BodyVelocities,
+    Vehicle,
+    body_velocities,
+)
 from evcalib.kinematics._wheels import MAX_REACH, OmniWheel, RollingWheel, Wheel
 
 __all__ = [
     "MAX_REACH",
     "REFUSE_SLIP",
+    "WARN_SLIP",
     "BodyTwist",
     "BodyVelocities",
     "Mecanum",

@@ -102,7 +102,7 @@ def by_turning(
         )
     else:
         final = _at_offset(aligned, joint, turning, asked)
-    final = final.widened(velocities.direction_sd)
+    final = final.widened(velocities.direction_sd, given=asked.odometry_sd is not None)
     trusted = various and (known or asked.offset is not None)
     return positioned(final, asked.told, turning, free, trusted=trusted), seen
 

@@ -58,6 +58,7 @@ def calibrate(
     systematic: Systematic = SYSTEMATIC,
     surface: str = "tos_ts",
     rate: float = 20.0,
+    odometry_sd: float | None = None,
     seed: int = 0,
     on_stage: Callable[[str], object] = lambda name: None,
 ) -> CalibrationRun:
@@ -93,6 +94,9 @@ def calibrate(
         Errors that all observations share; see `evcalib.joint`.
     surface, rate, seed
         See `evcalib.estimate_headings`.
+    odometry_sd : float, optional
+        Standard deviation [rad] of an error that all directions of the odometry share; see
+        `evcalib.align`.
     on_stage : callable
         Called with the name of each stage as it begins.
 
@@ -113,7 +117,9 @@ def calibrate(
     Of errors of the model the verdict tells (its `doubts`): clocks that drift apart, a body that
     turns and does not say so, and directions of travel that no rotation brings together, as a wrong
     focal length, principal point or sideways slip makes them.  A camera that only translates within
-    a plane shows no more than that of its intrinsics.  The rest is absorbed: a turn of all
+    a plane shows no more than that of its intrinsics; what shows of such directions widens the
+    rotation's error bar.  It tells too where headings and tracks give different answers, and where
+    all checks together speak against the model.  The rest is absorbed: a turn of all
     velocities (a steering zero) turns the rotation by as much; a principal point that is off by d
     pixels, by up to d / focal radians; 1 % of focal length or of sideways slip, by up to 0.29
     degrees; a delay of the odometry's times, also of times cut to whole multiples, is part of the
@@ -139,7 +145,7 @@ def calibrate(
     final, estimate = _calibrated(
         estimate,
         body,
-        Asked(camera.focal, max_offset, offset, told, refinement, systematic, seed),
+        Asked(camera.focal, max_offset, offset, told, refinement, systematic, odometry_sd, seed),
         lambda name: _stage(name, on_stage, timings),
     )
     settings: dict[str, Any] = {
@@ -150,6 +156,7 @@ def calibrate(
         "systematic": asdict(systematic),
         "surface": surface,
         "rate": float(rate),
+        "odometry_sd": odometry_sd,
     }
     return CalibrationRun(
         calibration=final,
@@ -174,6 +181,7 @@ def calibrate_estimate(
     camera_height: float | None = None,
     refinement: str = "tracks",
     systematic: Systematic = SYSTEMATIC,
+    odometry_sd: float | None = None,
     seed: int = 0,
     stage: Stage = lambda name: nullcontext(),
 ) -> RefinedCalibration:
@@ -191,7 +199,7 @@ def calibrate_estimate(
         Pixels per radian, to speak of pixels.
     stage : callable
         Context in which each stage runs, given its name.
-    max_offset, offset, camera_position, camera_height, refinement, systematic, seed
+    max_offset, offset, camera_position, camera_height, refinement, systematic, odometry_sd, seed
         See `calibrate`.
 
     Returns
@@ -200,7 +208,7 @@ def calibrate_estimate(
         Also where the motion cannot answer: then it says what is unknown.
     """
     told = _told(camera_position, camera_height)
-    asked = Asked(focal, max_offset, offset, told, refinement, systematic, seed)
+    asked = Asked(focal, max_offset, offset, told, refinement, systematic, odometry_sd, seed)
     return _calibrated(estimate, velocities, asked, stage)[0]
 
 
@@ -231,7 +239,10 @@ def _calibrated(
     estimate: HeadingEstimate, velocities: VelocitySeries, asked: Asked, stage: Stage
 ) -> tuple[RefinedCalibration, HeadingEstimate]:
     """Return the calibration, and the headings, their turning taken out where it leads."""
-    shared, velocities = velocities.direction_sd, replace(velocities, direction_sd=0.0)
+    given = asked.odometry_sd is not None
+    shared = velocities.direction_sd if asked.odometry_sd is None else asked.odometry_sd
+    shared = float(checks.at_least_zero(shared, "odometry_sd"))
+    velocities = replace(velocities, direction_sd=0.0)
     track = velocity_track(velocities)
     turning = turning_beyond_noise(velocities, track)
     if asked.refinement == "tracks" and turning > LEADS:
@@ -251,7 +262,8 @@ def _calibrated(
     else:
         with stage("refinement"):
             final, free = _refined(aligned, estimate, velocities, track, turning, asked)
-    return positioned(final.widened(shared), asked.told, turning, free), estimate
+    final = final.widened(shared, given=given)
+    return positioned(final, asked.told, turning, free), estimate
 
 
 def _answerable(estimate: HeadingEstimate) -> None:

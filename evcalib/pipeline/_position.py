@@ -133,10 +133,7 @@ def positioned(
             advice=tuple(dict.fromkeys((*verdict.advice, *more))),
         )
     if free is not None and contradicts(free, told):
-        doubt = _contradiction(free, told)
-        verdict = replace(
-            verdict, reasons=(*verdict.reasons, doubt), doubts=(*verdict.doubts, doubt)
-        )
+        verdict = verdict.doubted(_contradiction(free, told))
     return replace(
         found,
         position=place,

@@ -23,6 +23,7 @@ class Asked(NamedTuple):
     told: Told
     refinement: str
     systematic: Systematic
+    odometry_sd: float | None
     seed: int
 
 

@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from evcalib.alignment import Calibration
+from evcalib.alignment.verdict import PIXEL_DELAY
 from evcalib.arrays import Floats
 from evcalib.geometry import (
     camera_looks,
@@ -102,7 +103,7 @@ def numbers(run: CalibrationRun) -> list[Row]:
     else:
         offset = f"not determined; plausible from {low:+.2f} to {high:+.2f} s"
     rotation = (
-        f"error within {degrees(calibration.rotation_radius)} deg (95 %);"
+        f"error within {degrees(calibration.rotation_radius)} deg (95 %{_parts(calibration)});"
         f" sd about body x, y, z: {', '.join(sd)} deg"
     )
     if not calibration.rotation_observable:
@@ -196,7 +197,7 @@ def _offset_sentence(calibration: Calibration) -> str:
     return (
         f"The vehicle's clock is {abs(calibration.offset):.4f} s {order} the camera's:"
         f" t_body = t_cam {sign} {abs(calibration.offset):.4f} s, with 95 % probability between"
-        f" {low:+.4f} and {high:+.4f} s."
+        f" {low:+.4f} and {high:+.4f} s. {PIXEL_DELAY}"
     )
 
 
@@ -205,7 +206,8 @@ def _rotation_sentence(calibration: Calibration) -> str:
         return "The rotation below is only the best of many that the data cannot tell apart."
     return (
         f"The camera looks {camera_looks(calibration.R_body_cam)}. With 95 % probability this"
-        f" rotation is off by less than {degrees(calibration.rotation_radius)} deg."
+        f" rotation is off by less than {degrees(calibration.rotation_radius)} deg"
+        f"{_parts(calibration)}."
     )
 
 
@@ -216,6 +218,12 @@ def _position(calibration: Calibration) -> list[Row]:
     reasons = [one.reason for one in calibration.unknowns if one.unit == "m" and not one.determined]
     why = " ".join(dict.fromkeys(reasons))
     return [("Position of the camera in the body frame", position_text(calibration), why)]
+
+
+def _parts(calibration: Calibration) -> str:
+    """Return what of the rotation's radius is data and what is odometry, if both are."""
+    parts = calibration.radius_parts
+    return f": {parts}" if parts else ""
 
 
 def _listed(values: Floats, digits: int) -> str:

@@ -49,7 +49,7 @@ class JointCovariance:
     offset_sensitivity : ndarray, shape (3,)
         Change of the rotation vector per second of offset [rad/s].
     noise : NoiseModel
-        Correlation over time.
+        Correlation over time of what lies in the plane of motion.
     samples : float
         Effective number of independent headings that agree.
     """
@@ -106,20 +106,19 @@ def joint_covariance(
     kappa = float(np.average(robust - 2.0 * u * rest / reach, weights=weight))
     # Only what lies across d: the rest of a chord, -u d, is no noise but a constant.
     psi = robust[:, None] * (Re - np.sum(Re * d, axis=1, keepdims=True) * d)
-    variance = 0.5 * float(np.average(np.sum(psi**2, axis=1), weights=weight))
-    noise = fit_noise(t, psi)
 
     J = np.zeros((t.size, 3, 4))
     J[:, 0, 1], J[:, 0, 2] = d[:, 2], -d[:, 1]
     J[:, 1, 0], J[:, 1, 2] = -d[:, 2], d[:, 0]
     J[:, 2, 0], J[:, 2, 1] = d[:, 1], -d[:, 0]
     J[:, :, 3] = -rate
+    A = kappa * np.einsum("ica,i,icb->ab", J, weight, J)
+    # Noise of the odometry lies in the plane of motion, that of headings also across it.
+    sideways = np.cross(np.linalg.eigh(np.einsum("i,ia,ib->ab", weight, d, d))[1][:, 0], d)
+    B, noise, samples = _part(t, psi, J, sideways, weight, robust)
+    across = _part(t, psi, J, np.cross(d, sideways), weight, robust)
+    B, samples = B + across[0], min(samples, across[2])
     J *= weight[:, None, None]
-    A = kappa * np.einsum("ica,icb->ab", J, J / np.maximum(weight, 1e-300)[:, None, None])
-    samples = noise.independent(t, weight * robust)
-    # Four parameters were fitted to two numbers per independent heading.
-    lost = max(1.0 - 2.0 / max(samples, 1e-12), 0.25)
-    B = variance / lost * kernel.correlated_information(t, J, noise.share, noise.memory)
     if body_noise is not None:
         B = B + kappa**2 * np.einsum("ica,c,icb->ab", J, body_noise, J)
     return JointCovariance(
@@ -129,6 +128,23 @@ def joint_covariance(
         noise=noise,
         samples=samples,
     )
+
+
+def _part(
+    t: Floats, psi: Floats, J: Floats, side: Floats, weight: Floats, robust: Floats
+) -> tuple[Floats, NoiseModel, float]:
+    """Return what noise along one side of the directions adds to B, its model, and its samples."""
+    side = side / np.maximum(np.linalg.norm(side, axis=1, keepdims=True), 1e-12)
+    along = np.einsum("ic,ic->i", psi, side)
+    moves = np.einsum("ica,ic->ia", J, side)
+    noise = fit_noise(t, along[:, None], moves)
+    samples = noise.independent(t, weight * robust)
+    # Four parameters were fitted to two numbers per independent heading.
+    lost = max(1.0 - 2.0 / max(samples, 1e-12), 0.25)
+    variance = float(np.average(along**2, weights=weight)) / lost
+    scores = np.ascontiguousarray((weight[:, None] * moves)[:, None, :])
+    shared = kernel.correlated_information(t, scores, noise.share, noise.memory)
+    return variance * shared, noise, samples
 
 
 def rotation_radius(

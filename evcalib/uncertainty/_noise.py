@@ -37,6 +37,18 @@ class NoiseModel:
         """Return the variance of the mean over times `t`, relative to that of white noise."""
         return t.size / self.independent(t, np.ones(t.size))
 
+    def inflation_of(self, t: Floats, weights: Floats) -> float:
+        """Return the variance of a weighted sum of noise, relative to that of white noise.
+
+        `weights` (n, k) are those of k columns of noise at the times `t`; 1 at least is returned.
+        """
+        alone = float(np.sum(weights**2))
+        if alone == 0:
+            return 1.0
+        scores = np.ascontiguousarray(weights[:, :, None], dtype=np.float64)
+        shared = kernel.correlated_information(t, scores, self.share, self.memory)[0, 0]
+        return max(float(shared) / alone, 1.0)
+
     def independent(self, t: Floats, weight: Floats) -> float:
         """Return how many independent samples the weighted mean over times `t` is worth."""
         scores = np.ascontiguousarray(weight[:, None, None], dtype=np.float64)
@@ -44,8 +56,8 @@ class NoiseModel:
         return float(weight.sum()) ** 2 / max(spread, 1e-300)
 
 
-def fit_noise(t: Floats, noise: Floats) -> NoiseModel:
-    """Fit white plus Ornstein-Uhlenbeck noise by maximum likelihood.
+def fit_noise(t: Floats, noise: Floats, fitted: Floats | None = None) -> NoiseModel:
+    """Fit white plus Ornstein-Uhlenbeck noise by restricted maximum likelihood.
 
     Parameters
     ----------
@@ -53,6 +65,9 @@ def fit_noise(t: Floats, noise: Floats) -> NoiseModel:
         Times [s], ascending; gaps and irregular steps are fine.
     noise : ndarray, shape (n, k)
         k independent columns of zero mean, of common variance and correlation.
+    fitted : ndarray, shape (n, p), optional
+        Columns that were fitted to each of them, which took away what noise looks like them; a
+        constant if not given.
 
     Returns
     -------
@@ -62,11 +77,15 @@ def fit_noise(t: Floats, noise: Floats) -> NoiseModel:
     noise = np.ascontiguousarray(noise)
     if t.size < 8 or not np.any(noise):
         return NoiseModel(0.0, 1.0)
+    fitted = np.ones((t.size, 1)) if fitted is None else fitted
+    basis, sizes, _ = np.linalg.svd(fitted, full_matrices=False)
+    basis = np.ascontiguousarray(basis[:, sizes > 1e-9 * sizes[0]])
     span, step = float(t[-1] - t[0]), float(np.median(np.diff(t)))
     shortest, longest = 0.3 * step, max(min(0.5 * span, 60.0), step)
 
     def loss(share: float, log_memory: float) -> float:
-        return -float(kernel.log_likelihood(t, noise, share, float(np.exp(log_memory))))
+        memory = float(np.exp(log_memory))
+        return -float(kernel.restricted_likelihood(t, noise, basis, share, memory))
 
     logs = np.linspace(np.log(shortest), np.log(longest), 9)
     bounds = (logs[0], logs[-1])
@@ -88,8 +107,7 @@ def fit_noise(t: Floats, noise: Floats) -> NoiseModel:
         share, memory, best = float(mixed.x[0]), float(np.exp(mixed.x[1])), float(mixed.fun)
     if best > loss(0.0, 0.0):
         return NoiseModel(0.0, 1.0)
-    # Residuals of a fit forget faster than the noise, by about 4 memory / span (Kendall 1954).
-    return NoiseModel(share, memory * (1.0 + 4.0 * min(memory / span, 0.25)))
+    return NoiseModel(share, memory)
 
 
 LEAST_NOISE = 1e-6

@@ -109,30 +109,51 @@ def turning_correlation(at, rate, half, offsets, track, limits):
     return score, totals
 
 
+class Peak(NamedTuple):
+    """At the best offset: scores (n,), negative where not usable; directions (n, 3), as seen."""
+
+    scores: np.ndarray
+    directions: np.ndarray
+
+
 @jit
-def contrast(headings, offsets, track, limits, rotations, loss_scale, peak):
+def contrast(headings, offsets, track, limits, rotations, loss_scale, peak, memory):
     """Return mean and variance, over pairs, of the score at the peak less that at each offset.
 
-    peak : (n,) score of each pair at the peak, negative where it is not usable.
-    Returns mean (m,), variance (m,), pairs (m,) over those usable at both.
+    peak : `Peak`; memory : (share, time constant [s]) of the noise, as in `log_likelihood`.
+    Returns mean (m,), variance (m,), pairs (m,) over those usable at both, and by how much the
+    memory raises the variance of the mean (m,), 1 at least: noise counts only where the two
+    directions that a heading is compared with differ, and as they do.
     """
     e, weight = headings.e, headings.weight
+    share, constant = memory
     m, n = offsets.size, weight.size
-    mean, variance, pairs = np.zeros(m), np.zeros(m), np.zeros(m)
-    d = np.empty((3, n))
+    mean, variance, pairs, inflation = np.zeros(m), np.zeros(m), np.zeros(m), np.ones(m)
+    d, carried, apart = np.empty((3, n)), np.empty(3), np.empty(3)
     for k in range(m):
         directions(headings.start, headings.end, offsets[k], track, limits, d)
         R = rotations[k]
-        total = first = second = 0.0
+        total = first = second = alone = shared = 0.0
+        carried[:] = 0.0
+        last = headings.start[0]
         for i in range(n):
             undefined = d[0, i] == 0.0 and d[1, i] == 0.0 and d[2, i] == 0.0
-            if undefined or peak[i] < 0.0 or weight[i] == 0.0:
+            if undefined or peak.scores[i] < 0.0 or weight[i] == 0.0:
                 continue
             fit = 0.0
             for a in range(3):
-                fit += d[a, i] * (R[a, 0] * e[0, i] + R[a, 1] * e[1, i] + R[a, 2] * e[2, i])
+                seen = d[0, i] * R[0, a] + d[1, i] * R[1, a] + d[2, i] * R[2, a]
+                fit += seen * e[a, i]
+                apart[a] = weight[i] * (seen - peak.directions[i, a])
+            decay = np.exp(-max(headings.start[i] - last, 0.0) / constant)
+            last = headings.start[i]
+            for a in range(3):
+                carried[a] *= decay
+                alone += apart[a] * apart[a]
+                shared += 2.0 * share * apart[a] * carried[a]
+                carried[a] += apart[a]
             rest = max(0.0, 1.0 - (1.0 - fit) / loss_scale)
-            gap = peak[i] - rest * rest * rest
+            gap = peak.scores[i] - rest * rest * rest
             total += weight[i]
             first += weight[i] * gap
             second += weight[i] * gap * gap
@@ -140,4 +161,6 @@ def contrast(headings, offsets, track, limits, rotations, loss_scale, peak):
         if total > 0.0:
             mean[k] = first / total
             variance[k] = max(second / total - mean[k] ** 2, 0.0)
-    return mean, variance, pairs
+        if alone > 0.0:
+            inflation[k] = max(1.0 + shared / alone, 1.0)
+    return mean, variance, pairs, inflation
