@@ -44,7 +44,11 @@ class HeadingEstimator:
         self._rate = RateCounter()
         self._snapshots = SnapshotKeeper()
         self._windows = HeadingWindows(
-            chosen, camera.focal, self._match, on_heading=self._snapshots.offer
+            chosen,
+            camera.focal,
+            self._match,
+            size=(camera.width, camera.height),
+            on_heading=self._snapshots.offer,
         )
 
     def update(self, events: Events) -> None:
