@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 
 from evcalib import checks
 from evcalib.arrays import Flags, Floats, Integers
+from evcalib.errors import InputError
 from evcalib.heading._translation import Translation, checked
 from evcalib.kernels.heading import epipolar as kernels
 from evcalib.kernels.heading import lens as lenses
@@ -262,7 +263,7 @@ def turn_explains(
     r1, r2 : array_like, shape (n, 3)
         Unit bearings before and after.
     spans : array_like, shape (n,)
-        Time between them, in any unit.
+        Time between them, above zero, in any unit.
     translation : Translation
         The rival, with its residuals of these correspondences.
     middles : array_like, shape (n,), optional
@@ -274,6 +275,11 @@ def turn_explains(
     groups : ndarray of int64, shape (n,), optional
         As in `two_point`: their number, not that of the correspondences, counts as evidence.
 
+    Raises
+    ------
+    InputError
+        If a shape or a value is unusable.
+
     References
     ----------
     Torr, "Bayesian model estimation and selection for epipolar geometry and generic manifold
@@ -281,6 +287,8 @@ def turn_explains(
     """
     r1, r2, threshold, groups = checked(r1, r2, 3.0 * max(translation.noise, floor), groups)
     spans = checks.floats(spans, "spans", (len(r1),))
+    if (spans <= 0).any():
+        raise InputError(f"spans row {int(np.argmin(spans))} is not above zero: r1 comes before r2")
     middles = np.zeros_like(spans) if middles is None else middles
     middles = checks.floats(middles, "middles", (len(r1),))
     some = np.linspace(0, len(r1) - 1, min(len(r1), SCORED)).astype(np.int64)
