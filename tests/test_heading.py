@@ -321,8 +321,7 @@ def test_things_that_pass_each_other_have_no_sign():
 def test_the_stated_error_is_more_than_the_scatter_of_the_matches():
     matches = moved_matches((20, 20), (326, 240), aside)
     found = fit(matches, HeadingOptions(enough_sd=1e-6), 250.0)
-    rows = dict(threshold=1.5 / 250.0, groups=matches.groups)
-    alone = two_point(matches.r1, matches.r2, **rows)
+    alone = two_point(matches.r1, matches.r2, threshold=1.5 / 250.0, groups=matches.groups)
     np.testing.assert_allclose(found.translation.sd, SHARED * alone.sd, rtol=1e-9)
     with_limit = HeadingOptions(max_sd=np.degrees(1.2 * alone.sd))
     assert fit(matches, with_limit, 250.0) == "direction uncertain"
