@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from heading_figures import FOCAL_GARFIELD, TRANSFORMS, events_of, lens_of, spread, still_cases
 
+from evcalib.geometry import angle_between
 from evcalib.heading import estimate_headings
 
 
@@ -35,20 +36,13 @@ def test_a_pan_behind_a_wrong_focal_length_has_no_heading(data, name, factor):
     assert confident(events_of(data, case.recording), lens, rate=40)[0] == 0
 
 
-def test_garfield_moves_as_its_picture_does(data):
-    """Headings against the mean displacement of the matches about them, which knows no epipoles."""
+def test_garfield_moves_sideways(data):
+    """By block matching it does, but for a vibration of about 3 degrees; its lens is not known."""
     events = events_of(data, "motion/garfield.txt.gz")
     for focal in FOCAL_GARFIELD:
-        lens = lens_of(data, focal)
-        estimate = estimate_headings(events, lens, keep_correspondences=True)
-        headings, kept = estimate.headings, estimate.correspondences
+        headings = estimate_headings(events, lens_of(data, focal)).headings
         assert len(headings) >= 1
-        for t, v in zip(headings.t, headings.v, strict=True):
-            about = kept.inlier & (np.abs(0.5 * (kept.t1 + kept.t2) - t) < 0.08)
-            moved = -(kept.r2 - kept.r1)[about].mean(axis=0)
-            apart = np.arctan2(v[1], v[0]) - np.arctan2(moved[1], moved[0])
-            assert abs(np.degrees(apart)) < 1.5
-            assert v[0] > 0.995
+        assert np.degrees(angle_between(headings.v, (1, 0, 0))).max() < 3.5
 
 
 @pytest.mark.parametrize("how", TRANSFORMS)
