@@ -1,15 +1,20 @@
 """Epipolar solvers on points whose motion is known."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.optimize import approx_fprime
+from scipy.optimize import approx_fprime, least_squares
+from scipy.stats import chi2
 
+from evcalib.camera import Camera
 from evcalib.errors import InputError
 from evcalib.geometry import angle_between, rotation_vector_to_matrix, unit
-from evcalib.heading.epipolar import five_point, turn_explains, two_point
+from evcalib.heading.epipolar import CUT, NEUTRAL_GAIN, five_point, turn_explains, two_point
 from evcalib.kernels.heading import epipolar as kernels
+from evcalib.kernels.heading import lens as lenses
 from evcalib.kernels.linalg import tangent_basis
 
 PIXEL = 1 / 300  # [rad]
@@ -177,6 +182,134 @@ def test_a_wall_in_a_narrow_view_has_no_parallax():
     r1, r2 = unit(100 * plane), unit(100 * plane - (5.0, 0, 0))
     r1, r2 = (unit(r + rng.normal(0, 0.5 * PIXEL, r.shape)) for r in (r1, r2))
     assert judged(r1, r2)
+
+
+TRUE_LENS = Camera(240, 180, 200.0, 200.0, 119.5, 89.5, (-0.37, 0.15, 0.0, 0.0, 0.0))
+PLAIN_LENS = replace(TRUE_LENS, distortion=(0.0,) * 5)
+
+
+def seen_over_time(seed, velocity, turned, lens, n=400):
+    """Points at two times each, behind `TRUE_LENS` but taken for `lens`; `turned` is R(t)."""
+    rng = np.random.default_rng(seed)
+    xy = rng.uniform((20, 20), (220, 160), (n, 2))
+    points = TRUE_LENS.bearings(xy) * rng.uniform(0.8, 3, (n, 1))
+    span, middle = rng.uniform(0.2, 0.5, n), rng.uniform(-0.1, 0.1, n)
+    seen = []
+    for t in (middle - 0.5 * span, middle + 0.5 * span):
+        R = np.array([rotation_vector_to_matrix(turned(at)) for at in t])
+        there = np.einsum("nji,nj->ni", R, points - t[:, None] * velocity)
+        pixels = TRUE_LENS.project(there) + rng.normal(0, 0.3, (n, 2))
+        seen.append(lens.bearings(pixels))
+    known = np.isfinite(np.hstack(seen)).all(axis=1)
+    return *(r[known] for r in seen), span[known], middle[known]
+
+
+def explained(r1, r2, span, middle):
+    found = two_point(r1, r2, threshold=1.5 / 200)
+    return found is None or turn_explains(r1, r2, span, found, middles=middle, floor=0.15 / 200)
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("lens", [TRUE_LENS, PLAIN_LENS], ids=["true", "plain"])
+@pytest.mark.parametrize("axis", np.eye(3), ids=["tilt", "pan", "roll"])
+def test_an_unsteady_turn_behind_a_wrong_lens_is_a_turn(axis, lens, seed):
+    def turned(t):
+        return (0.15 * t + 0.3 * t**2) * axis
+
+    assert explained(*seen_over_time(seed, np.zeros(3), turned, lens))
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("velocity", [SIDEWAYS, FORWARD, OBLIQUE])
+def test_parallax_is_seen_through_the_true_lens(velocity, seed):
+    def still(t):
+        return np.zeros(3)
+
+    assert not explained(*seen_over_time(seed, 0.3 * unit(velocity), still, TRUE_LENS))
+
+
+def test_spans_that_are_none_are_refused():
+    r1, r2 = bearings(0, (0.1, 0, 0))
+    found = two_point(r1, r2, threshold=PIXEL)
+    with pytest.raises(InputError, match="spans row 3 is not above zero"):
+        turn_explains(r1, r2, np.where(np.arange(len(r1)) == 3, 0.0, 1.0), found)
+
+
+def test_the_neutral_gain_is_that_of_its_chi_squares():
+    def cut(degrees, most):
+        return chi2.cdf(most, degrees + 2) * degrees + most * chi2.sf(most, degrees)
+
+    assert cut(2, 2 * CUT) - cut(1, CUT) == pytest.approx(NEUTRAL_GAIN, abs=1e-3)
+
+
+def displaced(m, lens):
+    """What a lens that is known badly makes of bearings, by its formula."""
+    x, y, z = m
+    q = 2.0 * (1.0 - z)
+    radial = (z * m - (0, 0, 1)) * (lens[0] + lens[1] * q + lens[2] * q**2)
+    return m + radial + lens[3] * ((1, 0, 0) - x * m) + lens[4] * ((0, 1, 0) - y * m)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_turn_behind_a_displaced_picture_is_seen_as_its_definition_says(seed):
+    """The displaced bearing is turned by a little, and what is seen of it solved for."""
+    rng = np.random.default_rng(seed)
+    m = unit(np.array([*rng.uniform(-0.5, 0.5, 2), 1.0]))
+    basis, lens = np.array(tangent_basis(m)), rng.uniform(-0.3, 0.3, lenses.LENS)
+    seen = np.empty((2, 3))
+    lenses.seen_turns(m, basis, lens, seen)
+    for axis in range(3):
+        after = rotation_vector_to_matrix(1e-4 * np.eye(3)[axis]) @ unit(displaced(m, lens))
+
+        def miss(change, after=after):
+            return np.cross(displaced(unit(m + change @ basis), lens), after)
+
+        moved = least_squares(miss, np.zeros(2), xtol=1e-15, ftol=1e-15, gtol=1e-15).x
+        np.testing.assert_allclose(seen[:, axis], 1e4 * moved, atol=2e-3)
+
+
+def test_rates_and_displacement_of_a_turn_are_recovered():
+    """Flow made by integrating what is seen of a turn along its way, in many small steps."""
+    rng = np.random.default_rng(1)
+    lens = np.array([0.02, -0.2, 0.05, 0.03, -0.02])
+    rates = np.array([0.1, -0.2, 0.3, 0.2, 0.1, -0.3, 0.0, 0.0, 0.0])
+    n, steps = 300, 200
+    m = unit(np.column_stack((rng.uniform(-0.5, 0.5, (n, 2)), np.ones(n))))
+    span, middle, seen = rng.uniform(0.2, 0.5, n), rng.uniform(-0.2, 0.2, n), np.empty((2, 3))
+    middle[0] = np.median(middle[1:])
+    r2 = m.copy()
+    for i in range(n):
+        for k in range(steps):
+            t = middle[i] - np.median(middle) + span[i] * ((k + 0.5) / steps - 0.5)
+            basis = np.array(tangent_basis(r2[i]))
+            lenses.seen_turns(r2[i], basis, lens, seen)
+            turn = (rates[:3] + t * rates[3:6]) * span[i] / steps
+            r2[i] = unit(r2[i] + (seen @ turn) @ basis)
+    flow = lenses.flow(m, r2, span, middle)
+    known = lenses.Lens(np.full(lenses.LENS, 10.0), 0.6)
+    found, displacement = lenses.fit_turn(0.8 * rates[:3], flow, 5e-3, known, 30)
+    np.testing.assert_allclose(found[:6], rates[:6], atol=0.01)
+    np.testing.assert_allclose(displacement, lens, atol=0.02)
+    squares = np.empty(n)
+    lenses.squared_residuals(found, displacement, flow, squares)
+    assert np.sqrt(squares.mean()) < 2e-4
+
+
+def test_a_swinging_direction_is_followed():
+    rng = np.random.default_rng(2)
+    n, t = 400, unit((1.0, 0.1, 0.2))
+    basis, times = (
+        np.array(tangent_basis(t)),
+        np.column_stack((np.ones(400), rng.uniform(-1, 1, (400, 2)))),
+    )
+    swing = np.array([[0.01, 0.02], [0.1, -0.05], [0.03, 0.08]])
+    plane = rng.uniform(-0.4, 0.4, (n, 2))
+    points = np.column_stack((plane, np.ones(n))) * rng.uniform(1, 3, (n, 1))
+    r1, r2 = unit(points), unit(points - 0.1 * unit(t + times @ swing @ basis))
+    rows = kernels.Bearings(r1, r2, np.cross(r1, r2))
+    before, after = (kernels.refine_swinging(t, rows, times, 0.01, k)[0] for k in (0, 10))
+    assert np.abs(before).mean() > 1e-3
+    assert np.abs(after).max() < 1e-6
 
 
 def test_residuals_and_slopes_follow_their_definition():

@@ -1,6 +1,7 @@
 """The chain from events to headings: simulated, real, transformed, turning, broken."""
 
 import tracemalloc
+from dataclasses import replace
 from inspect import signature
 from itertools import pairwise
 
@@ -22,7 +23,8 @@ from evcalib.geometry import angle_between, unit
 from evcalib.heading import HeadingEstimator, HeadingOptions, KeyframeMatches, estimate_headings
 from evcalib.heading._keyframes import BearingTable
 from evcalib.heading._options import MAX_STEPS
-from evcalib.heading._window_fit import fit
+from evcalib.heading._window_fit import SHARED, fit
+from evcalib.heading.epipolar import two_point
 from evcalib.surfaces import SURFACES
 
 SIMULATED = Camera(346, 260, 250.0, 250.0, 172.5, 129.5)
@@ -277,6 +279,84 @@ def test_pairs_whose_matches_did_not_survive_are_left_out():
     assert found.agreeing[~lost].mean() > 0.9
     assert np.degrees(angle_between(found.translation.direction, (1, 0, 0))) < 3
     assert found.t_end - found.t_start == pytest.approx(0.1)
+
+
+def moved_matches(low, high, towards, noise=0.3):
+    """Matches of two spans between two corners of the picture; depths from 1 to 3 m."""
+    rng = np.random.default_rng(0)
+    n, focal = 300, 250.0
+    xy1 = rng.uniform(low, high, (n, 2))
+    span = np.repeat([4, 8], n // 2)
+    shift = rng.uniform(4, 12, n)[:, None] * towards(rng, n) * span[:, None] / 8
+    xy2 = xy1 + shift + rng.normal(0, noise, (n, 2))
+    r1, r2 = (unit(np.column_stack(((p - (173, 130)) / focal, np.ones(n)))) for p in (xy1, xy2))
+    t1 = 1.0 - 0.025 * span
+    return KeyframeMatches(xy1, xy2, r1, r2, t1, t1 + 0.05 * span, 1000 * MAX_STEPS + span)
+
+
+def aside(rng, n):
+    return np.tile((-1.0, 0.0), (n, 1))
+
+
+def to_and_fro(rng, n):
+    return np.column_stack((np.where(rng.random(n) < 0.3, 1.0, -1.0), np.zeros(n)))
+
+
+def test_what_moves_in_one_place_only_may_be_one_thing():
+    size = (346, 260)
+    everywhere = moved_matches((20, 20), (326, 240), aside)
+    somewhere = moved_matches((100, 80), (220, 150), aside)
+    for matches in (everywhere, somewhere):
+        assert np.abs(fit(matches, HeadingOptions(), 250.0).translation.direction[0]) > 0.999
+    assert not isinstance(fit(everywhere, HeadingOptions(), 250.0, size), str)
+    assert fit(somewhere, HeadingOptions(), 250.0, size) == "only a small part of the image moves"
+
+
+def test_things_that_pass_each_other_have_no_sign():
+    matches = moved_matches((20, 20), (326, 240), to_and_fro)
+    reason = "matches move to and fro along the direction"
+    assert fit(matches, HeadingOptions(), 250.0, (346, 260)) == reason
+
+
+def test_the_stated_error_is_more_than_the_scatter_of_the_matches():
+    matches = moved_matches((20, 20), (326, 240), aside)
+    found = fit(matches, HeadingOptions(enough_sd=1e-6), 250.0)
+    alone = two_point(matches.r1, matches.r2, threshold=1.5 / 250.0, groups=matches.groups)
+    np.testing.assert_allclose(found.translation.sd, SHARED * alone.sd, rtol=1e-9)
+    with_limit = HeadingOptions(max_sd=np.degrees(1.2 * alone.sd))
+    assert fit(matches, with_limit, 250.0) == "direction uncertain"
+
+
+@pytest.mark.parametrize("yaw", [0.3, 0.8])
+def test_a_simulated_unsteady_pan_behind_a_wrong_lens_has_no_heading(yaw):
+    t = np.linspace(0.0, 0.9, 91)
+    position = np.tile([0.0, 0.0, 1.2], (91, 1))
+    angle = 0.1 * np.sin(yaw * 2 * np.pi * t) + 0.3 * t
+    turns = Rotation.from_rotvec(np.outer(angle, (0.0, 0.0, 1.0))).as_matrix()
+    scene = furnished_room(position + np.linspace(-0.3, 0.3, 91)[:, None] * [1, 1, 0], 1)
+    lens = Camera(160, 120, 110.0, 110.0, 79.5, 59.5, (-0.35, 0.12, 0.0, 0.0, 0.0))
+    simulator = Simulator(Trajectory(t, position, turns), lens, scene, lever=(0.0, 0.0, 0.0))
+    events = simulator.run().events
+    for told in (lens, replace(lens, distortion=(0.0,) * 5)):
+        estimate = estimate_headings(events, told)
+        assert len(estimate.headings) == 0
+        assert "no parallax" in " ".join(gap.reason for gap in estimate.gaps)
+
+
+def test_the_sign_holds_out_and_back():
+    """A camera that goes aside and comes back: the sign changes once, where it turns."""
+    t = np.linspace(0.0, 1.6, 161)
+    aside = 0.35 * np.minimum(t, 1.6 - t)
+    position = np.column_stack((np.zeros(161), aside, np.full(161, 1.2)))
+    scene = furnished_room(position, 3)
+    lens = Camera(160, 120, 110.0, 110.0, 79.5, 59.5)
+    simulator = Simulator(Trajectory(t, position), lens, scene, lever=(0.0, 0.0, 0.0))
+    headings = estimate_headings(simulator.run().events, lens).headings
+    sign = np.sign(headings.v[:, 0])
+    assert len(headings) > 12
+    clear = np.abs(headings.t - 0.8) > 0.2
+    assert np.count_nonzero(np.diff(sign[clear])) == 1
+    assert np.abs(headings.v[clear, 0]).min() > 0.99
 
 
 def test_standing_still_and_noise_have_no_heading():

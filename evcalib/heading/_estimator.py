@@ -44,7 +44,11 @@ class HeadingEstimator:
         self._rate = RateCounter()
         self._snapshots = SnapshotKeeper()
         self._windows = HeadingWindows(
-            chosen, camera.focal, self._match, on_heading=self._snapshots.offer
+            chosen,
+            camera.focal,
+            self._match,
+            size=(camera.width, camera.height),
+            on_heading=self._snapshots.offer,
         )
 
     def update(self, events: Events) -> None:
@@ -112,8 +116,10 @@ def estimate_headings(
     Returns
     -------
     HeadingEstimate
-        Headings, and the windows without: too few corners, standing still, no parallax (a turn
-        explains the matches as well), matches that disagree, a direction too uncertain.
+        Headings, and the windows without: too few corners, standing still, no parallax (a turn,
+        even an unsteady one behind a badly known lens, explains the matches as well), matches that
+        disagree or move to and fro, motion in a small part of the image only, a direction too
+        uncertain.
 
     Raises
     ------
@@ -125,7 +131,8 @@ def estimate_headings(
     -----
     The two-point solver takes the camera not to turn while it translates.  A steady turn on top
     of a translation is not noticed: simulated at 0.5 m/s and 0.02 rad/s it costs 3 degrees.  A
-    turn alone is noticed and gives no heading.
+    turn alone is noticed and gives no heading.  Parallax must show, so a far or flat scene gives
+    none either.
 
     References
     ----------

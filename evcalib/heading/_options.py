@@ -72,8 +72,9 @@ class HeadingOptions:
     max_sd : float
         Largest standard deviation of a heading [deg].
     enough_sd : float
-        The longest spans are left out as long as the standard deviation of a heading stays below
-        this [deg]: shorter spans follow a changing direction better.
+        The longest spans are left out as long as the standard deviation of a heading, by the
+        scatter of its matches alone, stays below this [deg]: shorter spans follow a changing
+        direction better.
     seed : int
         Of the descriptor's pattern and of the solver's samples.
     keep_correspondences : bool

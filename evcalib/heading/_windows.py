@@ -29,6 +29,8 @@ class HeadingWindows(Generic[K]):
         Focal length of the camera [px].
     match : callable
         Matches of two keyframes, the earlier first; None without any.
+    size : tuple of int, optional
+        Width and height of the sensor [px]; without it matches may all be in one place.
     on_heading : callable
         Called with the keyframes at hand, the matches of the window and its fit.
     """
@@ -39,9 +41,10 @@ class HeadingWindows(Generic[K]):
         focal: float,
         match: Callable[[K, K], KeyframeMatches | None],
         *,
+        size: tuple[int, int] | None = None,
         on_heading: Callable[[Sequence[K], KeyframeMatches, Fit], object] = lambda *_: None,
     ) -> None:
-        self._options, self._focal = options, focal
+        self._options, self._focal, self._size = options, focal, size
         self._match, self._on_heading = match, on_heading
         self._lag = options.steps // 2 + 1
         self._keyframes: deque[K] = deque(maxlen=2 * self._lag + 1)
@@ -87,7 +90,7 @@ class HeadingWindows(Generic[K]):
             self._gaps.append(Gap(t, TOO_FEW))
             return
         matches = KeyframeMatches.pooled(parts)
-        found = fit(matches, self._options, self._focal)
+        found = fit(matches, self._options, self._focal, self._size)
         if isinstance(found, Fit) and self._found and found.t <= self._found[-1].t:
             found = NOT_NEWER
         if self._kept is not None:

@@ -198,3 +198,48 @@ def normal_equations(t, bearings, scale, groups):
     information[1, 0] = information[0, 1]
     information *= max(curve, 0.0) / max(total, 1.0)
     return information, gradients[used]
+
+
+@jit
+def refine_swinging(t, bearings, times, scale, steps):
+    """Return residuals and rises of a direction that swings about t, at its best.
+
+    The direction of each correspondence is t plus a change in the tangent plane that is linear in
+    the columns of `times` (n, 3), refined as in `refine`.
+    """
+    r1, r2, normals = bearings.r1, bearings.r2, bearings.normals
+    n = len(r1)
+    basis, tame = tangent_basis(t), tame_leverage(t, bearings)
+    change = np.zeros(6)
+    residuals, rises = np.empty(n), np.empty(n)
+    at, row = np.empty(3), np.empty(6)
+    for step in range(steps + 1):
+        normal, right = np.zeros((6, 6)), np.zeros(6)
+        for i in range(n):
+            for k in range(3):
+                at[k] = t[k]
+                for c in range(3):
+                    at[k] += times[i, c] * (
+                        change[2 * c] * basis[0, k] + change[2 * c + 1] * basis[1, k]
+                    )
+            at /= math.sqrt(dot(at, at))
+            residuals[i], rises[i], slope = _sampson(at, r1[i], r2[i], normals[i])
+            ratio = residuals[i] / (3.0 * scale)
+            if abs(ratio) >= 1.0 or rises[i] > scale:
+                continue
+            weight = tame[i] * (1.0 - ratio * ratio) ** 2
+            for c in range(3):
+                row[2 * c] = times[i, c] * dot(basis[0], normals[i]) / slope
+                row[2 * c + 1] = times[i, c] * dot(basis[1], normals[i]) / slope
+            for a in range(6):
+                right[a] -= weight * row[a] * residuals[i]
+                for b in range(6):
+                    normal[a, b] += weight * row[a] * row[b]
+        trace = np.trace(normal)
+        if step == steps or trace <= 0.0:
+            break
+        # Where the times hardly differ a swing cannot be told, and is left at nothing.
+        for a in range(6):
+            normal[a, a] += 1e-6 * trace
+        change += np.linalg.solve(normal, right)
+    return residuals, rises
