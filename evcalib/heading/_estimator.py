@@ -15,6 +15,7 @@ from evcalib.heading._matches import KeyframeMatches, match_keyframes
 from evcalib.heading._options import LOCALISATIONS, HeadingOptions, takes_options
 from evcalib.heading._result import HeadingEstimate
 from evcalib.heading._snapshot import RateCounter, SnapshotKeeper
+from evcalib.heading._threads import in_threads
 from evcalib.heading._windows import HeadingWindows
 
 
@@ -44,7 +45,11 @@ class HeadingEstimator:
         self._rate = RateCounter()
         self._snapshots = SnapshotKeeper()
         self._windows = HeadingWindows(
-            chosen, camera.focal, self._match, on_heading=self._snapshots.offer
+            chosen,
+            camera.focal,
+            self._match,
+            on_heading=self._snapshots.offer,
+            submit=in_threads(),
         )
 
     def update(self, events: Events) -> None:
