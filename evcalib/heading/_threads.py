@@ -30,13 +30,19 @@ def at_once(function: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> F
     return future
 
 
-def in_threads() -> Submit:
-    """Return what runs calls in threads, in the order in which they are given.
+class Threads:
+    """Runs calls in threads, in the order in which they are given.
 
     There are as many as ``NUMBA_NUM_THREADS`` says, or as there are cores; with one, calls run at
-    once.  The threads end when nobody holds the result any more, be it for an exception.
+    once.
     """
-    threads = min(numba.config.NUMBA_NUM_THREADS, MOST)  # type: ignore[attr-defined]
-    if threads == 1:
-        return at_once
-    return ThreadPoolExecutor(threads, thread_name_prefix="headings").submit
+
+    def __init__(self) -> None:
+        count = min(numba.config.NUMBA_NUM_THREADS, MOST)  # type: ignore[attr-defined]
+        self._pool = None if count == 1 else ThreadPoolExecutor(count, "headings")
+        self.submit: Submit = at_once if self._pool is None else self._pool.submit
+
+    def stop(self) -> None:
+        """End the threads; what has not begun is left."""
+        if self._pool is not None:
+            self._pool.shutdown(cancel_futures=True)

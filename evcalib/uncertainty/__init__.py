@@ -32,10 +32,10 @@ __all__ = [
     "joint_covariance",
     "peak_of_parabola",
     "robust_sd",
-    "sd_of_median",
     "rotation_radius",
     "rotation_sd",
     "sandwich",
+    "sd_of_median",
     "t_quantile",
     "white_noise",
 ]

@@ -70,9 +70,7 @@ def compare_sums(typingctx, patch, image, start, stride, weights, side):
         size = args[2].type
         length, covering = blocks(n)
         vector = ir.VectorType(_FLOAT, length)
-        weight = [
-            _splat(builder, vector, w) for w in cgutils.unpack_tuple(builder, args[4], 4)
-        ]
+        weight = [_splat(builder, vector, w) for w in cgutils.unpack_tuple(builder, args[4], 4)]
         totals = [ir.Constant(_FLOAT, 0.0)] * 4
         for first, fresh in covering:
             place = builder.add(args[2], ir.Constant(size, first))
