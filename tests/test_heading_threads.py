@@ -61,8 +61,7 @@ def test_what_stops_the_stream_stops_the_threads(error, events, monkeypatch):
 
     def broken():
         nonlocal busy
-        for piece in pieces(events[: len(events) * 3 // 4]):
-            yield piece
+        yield from pieces(events[: len(events) * 3 // 4])
         busy = len(running())
         raise error("stop")
 
