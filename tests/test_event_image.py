@@ -1,5 +1,7 @@
 """Event images against a plain twin, and displacements against known ones."""
 
+from functools import lru_cache
+
 import naive_event_image
 import numpy as np
 import pytest
@@ -11,6 +13,8 @@ from evcalib.features import EventImage, EventImager, align_patches
 from evcalib.features._event_image import AHEAD, RADIUS
 from evcalib.kernels.events import EventColumns
 from evcalib.kernels.features import event_image as kernels
+from evcalib.kernels.features.patch_sums import compare_sums
+from evcalib.kernels.jit import jit
 
 WIDTH, HEIGHT = 60, 50
 
@@ -26,6 +30,31 @@ def test_images_equal_the_plain_twin(seed, n, last):
     kernels.draw(EventColumns.of(events), 8, 22, last, following, image)
     rows = list(zip(x.tolist(), y.tolist(), t.tolist(), p.tolist(), strict=True))
     np.testing.assert_array_equal(image, naive_event_image.draw(rows, 8, 22, last, 4, 3))
+
+
+@lru_cache
+def summed(side):
+    @jit
+    def kernel(patch, image, top, left, weights):
+        width = image.shape[1]
+        return compare_sums(patch, image, top * width + left, width, weights, side)
+
+    return kernel
+
+
+@pytest.mark.parametrize("side", [3, 7, 8, 15, 16, 29])
+def test_sums_over_a_patch_equal_the_plain_twin_in_every_corner_of_an_image(side):
+    rng = np.random.default_rng(side)
+    size = side + 3
+    patch = rng.normal(size=(3, side, side)).astype(np.float32)
+    weights = tuple(rng.random(4).astype(np.float32))
+    # Pixels beyond the image would be seen: whatever is multiplied with NaN is NaN.
+    around = np.full((size + 2) * size, np.nan, dtype=np.float32)
+    image = around[size:-size].reshape(size, size)
+    image[:] = rng.normal(size=(size, size))
+    for top, left in [(0, 0), (0, 2), (2, 0), (2, 2), (1, 1)]:
+        found = summed(side)(patch, image, top, left, weights)
+        assert found == tuple(naive_event_image.compare_sums(patch, image, top, left, weights))
 
 
 def blobs(shift, seed=0, gain=1.0):

@@ -153,7 +153,8 @@ def align_patches(
         guess.
     """
     out = np.empty((len(centres), 4))
-    limits = kernels.PatchLimits(RADIUS, STEPS, FARTHEST, LEAST)
+    limits = kernels.PatchLimits(STEPS, FARTHEST, LEAST)
+    images = [np.ascontiguousarray(image.values) for image in (first, second)]
     whole = np.rint(centres).astype(np.int64)
-    kernels.align_patches(first.values, second.values, whole, guesses, limits, out)
+    kernels.patch_aligner(RADIUS)(*images, whole, guesses, limits, out)
     return out

@@ -212,6 +212,6 @@ def match(
         raise InputError("keypoints with descriptors of different lengths cannot be matched")
     if not reach > 0:
         raise InputError(f"reach must be a positive number of pixels, not {reach!r}")
-    points = [np.vstack((k.xy.T, k.p)) for k in (first, second)]
-    columns = np.ascontiguousarray(second.bits.T)
-    return kernels.match(first.bits, columns, *points, float(reach), int(farthest))
+    points = [kernels.Points(np.ascontiguousarray(k.xy), k.p) for k in (first, second)]
+    matcher = kernels.matcher(first.bits.shape[1])
+    return matcher(first.bits, second.bits, *points, float(reach), int(farthest))

@@ -15,6 +15,7 @@ from evcalib.heading._matches import KeyframeMatches, match_keyframes
 from evcalib.heading._options import LOCALISATIONS, HeadingOptions, takes_options
 from evcalib.heading._result import HeadingEstimate
 from evcalib.heading._snapshot import RateCounter, SnapshotKeeper
+from evcalib.heading._threads import Threads
 from evcalib.heading._windows import HeadingWindows
 
 
@@ -43,12 +44,14 @@ class HeadingEstimator:
         self._reach = REACH * camera.width
         self._rate = RateCounter()
         self._snapshots = SnapshotKeeper()
+        self._threads = Threads()
         self._windows = HeadingWindows(
             chosen,
             camera.focal,
             self._match,
             size=(camera.width, camera.height),
             on_heading=self._snapshots.offer,
+            submit=self._threads.submit,
         )
 
     def update(self, events: Events) -> None:
@@ -76,8 +79,13 @@ class HeadingEstimator:
             )
         rate = self._rate.result()
         estimate = self._windows.result(counts)
+        self.stop()
         snapshot = self._snapshots.result(float(rate.t[0]), float(rate.t[-1]) + rate.width)
         return replace(estimate, event_rate=rate, snapshot=snapshot)
+
+    def stop(self) -> None:
+        """End the threads of a stream that is not finished."""
+        self._threads.stop()
 
     def _match(self, before: Keyframe, after: Keyframe) -> KeyframeMatches | None:
         """Match two keyframes, unless they share events or the corners left the reach."""
@@ -141,6 +149,9 @@ def estimate_headings(
     estimator = HeadingEstimator(camera, **options)
     if not isinstance(events, Events | Iterable):
         raise InputError(f"Events or pieces of them are needed, not {type(events).__name__}")
-    for piece in [events] if isinstance(events, Events) else events:
-        estimator.update(piece)
-    return estimator.finish()
+    try:
+        for piece in [events] if isinstance(events, Events) else events:
+            estimator.update(piece)
+        return estimator.finish()
+    finally:
+        estimator.stop()

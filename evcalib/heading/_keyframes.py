@@ -122,13 +122,13 @@ class BearingTable:
         columns, rows = max(columns, 2), max(rows, 2)
         x, y = np.meshgrid(step * np.arange(columns), step * np.arange(rows))
         grid = camera.bearings(np.column_stack((x.ravel(), y.ravel())))
-        self._grid = grid.reshape(rows, columns, 3)
-        self._step = step
+        self.grid = grid.reshape(rows, columns, 3)
+        self.step = step
 
     def __call__(self, xy: Floats) -> Floats:
         """Return unit bearings at pixels of the sensor, shape (n, 2)."""
         out = np.empty((len(xy), 3))
-        interpolate(self._grid, self._step, np.ascontiguousarray(xy), out)
+        interpolate(self.grid, self.step, np.ascontiguousarray(xy), out)
         return out
 
 

@@ -14,6 +14,7 @@ from evcalib.errors import InputError
 from evcalib.features import align_patches, match
 from evcalib.heading._keyframes import Keyframe, Numbered
 from evcalib.heading._options import MAX_STEPS
+from evcalib.kernels.heading import pairs as kernels
 
 CELL_PX = 8
 """Matches whose midpoints share a cell of this side [px] see the same corner.  A choice: the width
@@ -125,11 +126,12 @@ def match_keyframes(
         Measure the displacements between their event images, all at the times of these;
         otherwise take keypoints and their times as they are.
     """
-    i, j = match(before.keypoints, after.keypoints, reach=reach).T
-    if not i.size:
+    pairs = match(before.keypoints, after.keypoints, reach=reach)
+    if not len(pairs):
         return None
     if aligned:
-        return _aligned(before, after, i, j)
+        return _aligned(before, after, pairs)
+    i, j = pairs.T
     return KeyframeMatches.between(
         before,
         after,
@@ -139,25 +141,15 @@ def match_keyframes(
     )
 
 
-def _aligned(before: Keyframe, after: Keyframe, i: Integers, j: Integers) -> KeyframeMatches | None:
+def _aligned(before: Keyframe, after: Keyframe, pairs: Integers) -> KeyframeMatches | None:
     """Measure matches of keypoints on the event images; None if none can be."""
     first, second = before.image, after.image
     if first is None or second is None or first.end > second.start:
         return None
-    xy1, xy2 = before.keypoints.xy[i], after.keypoints.xy[j]
-    speed = (xy2 - xy1) / (after.keypoints.t[j] - before.keypoints.t[i])[:, None]
-    start = np.rint(xy1)
-    found = align_patches(first, second, start, start + speed * (second.t - first.t))
-    found = found[np.isfinite(found[:, 0])]
-    places = found[:, :2], found[:, 2:]
-    bearings = before.table(places[0]), after.table(places[1])
-    seen = np.isfinite(bearings[0][:, 0]) & np.isfinite(bearings[1][:, 0])
-    if not seen.any():
+    places = [kernels.Places(k.keypoints.xy, k.keypoints.t) for k in (before, after)]
+    found = align_patches(first, second, *kernels.expected(*places, pairs, second.t - first.t))
+    xy1, xy2, r1, r2 = kernels.seen(found, before.table.grid, before.table.step)
+    if not len(xy1):
         return None
-    return KeyframeMatches.between(
-        before,
-        after,
-        (places[0][seen], places[1][seen]),
-        (bearings[0][seen], bearings[1][seen]),
-        (np.full(seen.sum(), first.t), np.full(seen.sum(), second.t)),
-    )
+    t = np.full(len(xy1), first.t), np.full(len(xy1), second.t)
+    return KeyframeMatches.between(before, after, (xy1, xy2), (r1, r2), t)

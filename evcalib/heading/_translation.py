@@ -11,6 +11,7 @@ from evcalib import checks
 from evcalib.arrays import Flags, Floats, Integers
 from evcalib.display import Shown
 from evcalib.errors import InputError
+from evcalib.kernels.heading.epipolar import first_not_unit
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,9 +56,9 @@ def checked(
     first = checks.floats(r1, "r1", (None, 3))
     second = checks.floats(r2, "r2", (len(first), 3))
     for name, r in (("r1", first), ("r2", second)):
-        off = np.abs(np.linalg.norm(r, axis=1) - 1.0) > 1e-6
-        if off.any():
-            raise InputError(f"{name} row {int(np.argmax(off))} is not a unit vector; normalise it")
+        off = first_not_unit(r, 1e-6)
+        if off >= 0:
+            raise InputError(f"{name} row {off} is not a unit vector; normalise it")
     return (
         first,
         second,

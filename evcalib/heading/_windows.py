@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Sequence
-from typing import Generic, TypeVar
+from concurrent.futures import Future
+from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -13,9 +14,21 @@ from evcalib.heading._keyframes import Counts, Numbered
 from evcalib.heading._matches import KeyframeMatches
 from evcalib.heading._options import HeadingOptions
 from evcalib.heading._result import Found, Gap, HeadingEstimate, collected
+from evcalib.heading._threads import Submit, at_once
 from evcalib.heading._window_fit import NOT_NEWER, TOO_FEW, Fit, fit
 
 K = TypeVar("K", bound=Numbered)
+
+AHEAD = 4
+"""Windows that may be worked on at once: enough for some threads, few enough to stop at once."""
+
+
+class _Window(NamedTuple, Generic[K]):
+    """A window whose fit is under way."""
+
+    centre: int
+    keyframes: Sequence[K]
+    pooled: Future[tuple[KeyframeMatches, Fit | str] | None]
 
 
 class HeadingWindows(Generic[K]):
@@ -33,6 +46,9 @@ class HeadingWindows(Generic[K]):
         Width and height of the sensor [px]; without it matches may all be in one place.
     on_heading : callable
         Called with the keyframes at hand, the matches of the window and its fit.
+    submit : callable
+        Starts a call, of matching or fitting, and returns its future.  What it starts depends on
+        nothing else, and windows are finished in order: the result is the same however it runs.
     """
 
     def __init__(
@@ -43,13 +59,16 @@ class HeadingWindows(Generic[K]):
         *,
         size: tuple[int, int] | None = None,
         on_heading: Callable[[Sequence[K], KeyframeMatches, Fit], object] = lambda *_: None,
+        submit: Submit = at_once,
     ) -> None:
         self._options, self._focal, self._size = options, focal, size
+        self._submit = submit
         self._match, self._on_heading = match, on_heading
         self._lag = options.steps // 2 + 1
         self._keyframes: deque[K] = deque(maxlen=2 * self._lag + 1)
         self._next = 0
-        self._pairs: dict[int, list[KeyframeMatches]] = {}
+        self._pairs: dict[int, list[Future[KeyframeMatches | None]]] = {}
+        self._under_way: deque[_Window[K]] = deque()
         self._kept = CorrespondenceKeeper() if options.keep_correspondences else None
         self._found: list[Found] = []
         self._gaps: list[Gap] = []
@@ -68,6 +87,8 @@ class HeadingWindows(Generic[K]):
         """Close the windows that wait for keyframes that will not come."""
         while self._keyframes and self._next <= self._keyframes[-1].number:
             self._close()
+        while self._under_way:
+            self._finish(self._under_way.popleft())
         self._keyframes.clear()
         self._pairs.clear()
 
@@ -85,12 +106,28 @@ class HeadingWindows(Generic[K]):
         known = self._pairs
         self._pairs = {k: known[k] if k in known else self._matches(k) for k in middles}
         parts = [pair for k in middles for pair in self._pairs[k]]
-        t = centre * self._options.step
-        if not parts:
-            self._gaps.append(Gap(t, TOO_FEW))
+        pooled = self._submit(self._pooled, parts)
+        self._under_way.append(_Window(centre, tuple(self._keyframes), pooled))
+        if len(self._under_way) > AHEAD:
+            self._finish(self._under_way.popleft())
+
+    def _pooled(
+        self, parts: Sequence[Future[KeyframeMatches | None]]
+    ) -> tuple[KeyframeMatches, Fit | str] | None:
+        """Pool the matches of all pairs and fit them; None without matches."""
+        found = [matches for part in parts if (matches := part.result()) is not None]
+        if not found:
+            return None
+        matches = KeyframeMatches.pooled(found)
+        return matches, fit(matches, self._options, self._focal, self._size)
+
+    def _finish(self, window: _Window[K]) -> None:
+        """Keep what was found in a window."""
+        centre, pooled = window.centre, window.pooled.result()
+        if pooled is None:
+            self._gaps.append(Gap(centre * self._options.step, TOO_FEW))
             return
-        matches = KeyframeMatches.pooled(parts)
-        found = fit(matches, self._options, self._focal, self._size)
+        matches, found = pooled
         if isinstance(found, Fit) and self._found and found.t <= self._found[-1].t:
             found = NOT_NEWER
         if self._kept is not None:
@@ -102,12 +139,12 @@ class HeadingWindows(Generic[K]):
             else:
                 self._kept.add(matches[own], found.agreeing[own], len(self._found))
         if isinstance(found, str):
-            self._gaps.append(Gap(t, found))
+            self._gaps.append(Gap(centre * self._options.step, found))
             return
-        self._on_heading(self._keyframes, matches, found)
+        self._on_heading(window.keyframes, matches, found)
         self._found.append(Found.of(found))
 
-    def _matches(self, middle: int) -> list[KeyframeMatches]:
+    def _matches(self, middle: int) -> list[Future[KeyframeMatches | None]]:
         """Match all keyframe pairs whose numbers add up to `middle`, within the baselines."""
         first = self._keyframes[0].number
         found = []
@@ -115,7 +152,5 @@ class HeadingWindows(Generic[K]):
             low, high = (middle - span) // 2 - first, (middle + span) // 2 - first
             if low < 0 or high >= len(self._keyframes):
                 break
-            pair = self._match(self._keyframes[low], self._keyframes[high])
-            if pair is not None:
-                found.append(pair)
+            found.append(self._submit(self._match, self._keyframes[low], self._keyframes[high]))
         return found

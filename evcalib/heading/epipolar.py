@@ -14,7 +14,7 @@ from evcalib.kernels.heading import epipolar as kernels
 from evcalib.kernels.heading import lens as lenses
 from evcalib.kernels.heading import turn as turns
 from evcalib.kernels.linalg import tangent_basis
-from evcalib.uncertainty import robust_sd, sandwich
+from evcalib.uncertainty import robust_sd, sandwich, sd_of_median
 
 TRIALS = 1000
 """Most samples that a RANSAC draws; it stops earlier once a better one is unlikely.  With 90 %
@@ -102,23 +102,21 @@ def two_point(
     r1, r2, threshold, groups = checked(r1, r2, threshold, groups)
     if len(r1) < 3:
         return None
-    bearings = kernels.Bearings(r1, r2, np.cross(r1, r2))
-    some = np.linspace(0, len(r1) - 1, min(len(r1), SCORED)).astype(np.int64)
-    sample = kernels.Bearings(*(column[some] for column in bearings))
+    bearings = kernels.Bearings(r1, r2, kernels.normals(r1, r2))
+    sample = kernels.evenly(bearings, SCORED)
     direction = kernels.two_point_ransac(sample, threshold, TRIALS, seed)
     if not direction.any():
         return None
-    kernels.refine(direction, bearings, threshold / 2, 5)
-    residuals, inliers = _judge(direction, bearings, threshold)
-    if inliers.sum() < 3:
-        return None
-    noise = robust_sd(residuals[inliers])
-    kernels.refine(direction, bearings, min(1.5 * noise, threshold / 2), 10)
-    residuals, inliers = _judge(direction, bearings, threshold)
-    if inliers.sum() < 3:
-        return None
-    noise = robust_sd(residuals[inliers])
-    covariance = _covariance(direction, bearings, min(1.5 * noise, threshold / 2), groups)
+    inliers = np.empty(len(r1), dtype=np.bool_)
+    scale = threshold / 2
+    for steps in (5, 10):
+        kernels.refine(direction, bearings, scale, steps)
+        residuals, size = kernels.judge(direction, bearings, threshold, inliers)
+        if size < 0.0:
+            return None
+        noise = sd_of_median(size)
+        scale = min(1.5 * noise, threshold / 2)
+    covariance = _covariance(direction, bearings, scale, groups)
     return (
         None
         if covariance is None
@@ -215,13 +213,6 @@ def _general_sampson(t: Floats, r1: Floats, r2: Floats) -> Floats:
     t = t / np.linalg.norm(t)
     slopes = 2.0 - (r1 @ t) ** 2 - (r2 @ t) ** 2
     return np.cross(r1, r2) @ t / np.sqrt(np.maximum(slopes, 1e-12))
-
-
-def _judge(direction: Floats, bearings: kernels.Bearings, threshold: float) -> tuple[Floats, Flags]:
-    """Return residuals [rad], and which correspondences are inliers."""
-    residuals, rises = np.empty(len(bearings.r1)), np.empty(len(bearings.r1))
-    kernels.sampson(direction, bearings, residuals, rises)
-    return residuals, (np.abs(residuals) < threshold) & (rises < threshold)
 
 
 def _covariance(

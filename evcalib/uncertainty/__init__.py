@@ -11,7 +11,14 @@ from evcalib.uncertainty._covariance import (
     sandwich,
     t_quantile,
 )
-from evcalib.uncertainty._noise import NoiseModel, coloured_noise, fit_noise, robust_sd, white_noise
+from evcalib.uncertainty._noise import (
+    NoiseModel,
+    coloured_noise,
+    fit_noise,
+    robust_sd,
+    sd_of_median,
+    white_noise,
+)
 from evcalib.uncertainty._peak import peak_of_parabola
 
 __all__ = [
@@ -28,6 +35,7 @@ __all__ = [
     "rotation_radius",
     "rotation_sd",
     "sandwich",
+    "sd_of_median",
     "t_quantile",
     "white_noise",
 ]

@@ -127,7 +127,12 @@ def robust_sd(residuals: Floats) -> float:
     float
         `LEAST_NOISE` at least.
     """
-    return max(float(1.4826 * np.median(np.abs(residuals))), LEAST_NOISE)
+    return sd_of_median(float(np.median(np.abs(residuals))))
+
+
+def sd_of_median(size: float) -> float:
+    """Return the same from the median magnitude [rad] itself."""
+    return max(1.4826 * size, LEAST_NOISE)
 
 
 SLOW = 0.03

@@ -6,6 +6,7 @@ Run with ``pytest tests/benchmarks/test_bench_heading.py --benchmark-only -s``.
 import time
 
 import cv2
+import numba
 import numpy as np
 import pytest
 
@@ -54,6 +55,16 @@ def test_chain(benchmark, make):
         f"\n{make.__name__}: {len(events)} events in {events.duration:.2f} s, {rate:.2f} million"
         f" events per CPU second, {estimate.found:.0%} of keyframes with a heading"
     )
+
+
+@pytest.mark.benchmark(group="events to headings, by threads")
+@pytest.mark.parametrize("threads", [1, 2])
+def test_threads(benchmark, threads, monkeypatch):
+    """Time by the clock: a machine with other work shows less than two cores give."""
+    monkeypatch.setattr(numba.config, "NUMBA_NUM_THREADS", threads)
+    events = translation()
+    estimate_headings(events, CAMERA)
+    benchmark.pedantic(estimate_headings, (events, CAMERA), rounds=3)
 
 
 def described(n, seed):

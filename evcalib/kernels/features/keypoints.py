@@ -1,4 +1,8 @@
-"""Loops of keypoints and their descriptors."""
+"""Loops of keypoints and their descriptors; a matcher per length of these, made on first use."""
+
+from collections.abc import Callable
+from functools import lru_cache
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -9,6 +13,13 @@ _M2 = np.uint64(0x3333333333333333)
 _M4 = np.uint64(0x0F0F0F0F0F0F0F0F)
 _H01 = np.uint64(0x0101010101010101)
 _ONE, _TWO, _FOUR, _TOP = np.uint64(1), np.uint64(2), np.uint64(4), np.uint64(56)
+
+
+class Points(NamedTuple):
+    """Keypoints as they are matched: sorted by class, then y."""
+
+    xy: np.ndarray  # (n, 2) float64 [px]
+    p: np.ndarray  # (n,) bool, the class
 
 
 @jit
@@ -92,71 +103,75 @@ def _count_bits(v):
     return np.int64((v * _H01) >> _TOP)
 
 
-@jit
-def _add_distance(own, others, distance):
-    """Add the number of bits in which one word differs from each of the others."""
-    for j in range(others.size):
-        distance[j] += _count_bits(own ^ others[j])
+@lru_cache
+def matcher(words: int) -> Callable[..., Any]:
+    """Return the matcher of descriptors of so many words."""
 
+    @jit
+    def near(own, bits, start, end, farthest, found):
+        """Fill in which descriptors from start to end are near one, and how near; return how many.
 
-@jit
-def _nearest(distance, dx, dy, limit, nothing, code, best2):
-    """Return the least (distance, index) within the limit; keep each other's least in best2."""
-    best = nothing
-    for j in range(distance.size):
-        key = (distance[j] << 32) if dx[j] * dx[j] + dy[j] * dy[j] <= limit else nothing
-        best = min(best, key + j)
-        best2[j] = min(best2[j], key + code)
-    return best
+        The number of words is a constant here, so that the loop over them is unrolled.
+        """
+        count = 0
+        for j in range(np.uint64(start), np.uint64(end)):
+            distance = 0
+            for word in range(words):
+                distance += _count_bits(own[word] ^ bits[j, word])
+            if distance <= farthest:
+                found[count, 0], found[count, 1] = j, distance
+                count += 1
+        return count
 
+    @jit
+    def match(bits1, bits2, points1, points2, reach, farthest):
+        """Return the matches as an array of index pairs, shape (m, 2).
 
-@jit
-def match(bits1, columns2, points1, points2, reach, farthest):
-    """Return the matches as an array of index pairs, shape (m, 2).
+        Two keypoints match if each is the other's nearest by Hamming distance among those within
+        the reach, and the distance is at most `farthest`.  Of equally near ones the first counts.
 
-    Two keypoints match if each is the other's nearest by Hamming distance among those within the
-    reach, and the distance is at most `farthest`.  Of equally near ones the first counts.
+        Few are near by their descriptors, so these are compared first, by the CPU's instruction
+        that counts bits.  Distance and index share one number: a minimum finds both.
 
-    The inner loops have no branches, so that they become vector code; distance and index share
-    one number, so that a minimum finds both.
+        Parameters
+        ----------
+        bits1, bits2 : ndarray of uint64, shape (n1, words) and (n2, words)
+            Descriptors.
+        points1, points2 : Points
+            Their places and classes; only equal classes match.
+        reach : float
+            Largest displacement [px].
+        farthest : int
+            Largest Hamming distance.
+        """
+        n1, n2 = len(bits1), len(bits2)
+        xy1, class1, xy2, class2 = points1.xy, points1.p, points2.xy, points2.p
+        nothing = np.int64((farthest + 1) << 32)
+        best1, best2 = np.full(n1, nothing), np.full(n2, nothing)
+        found = np.empty((n2, 2), dtype=np.int64)
+        start, end = 0, 0
+        for i in range(n1):
+            x, y, group = xy1[i, 0], xy1[i, 1], class1[i]
+            while start < n2 and (
+                class2[start] < group or (class2[start] == group and xy2[start, 1] < y - reach)
+            ):
+                start += 1
+            end = max(end, start)
+            while end < n2 and class2[end] == group and xy2[end, 1] <= y + reach:
+                end += 1
+            for k in range(near(bits1[i], bits2, start, end, farthest, found)):
+                j, distance = found[k]
+                dx, dy = xy2[j, 0] - x, xy2[j, 1] - y
+                if dx * dx + dy * dy <= reach * reach:
+                    best1[i] = min(best1[i], (distance << 32) + j)
+                    best2[j] = min(best2[j], (distance << 32) + i)
+        pairs = np.empty((n1, 2), dtype=np.int64)
+        count = 0
+        for i in range(n1):
+            j = best1[i] & 0xFFFFFFFF
+            if best1[i] < nothing and best2[j] & 0xFFFFFFFF == i:
+                pairs[count] = (i, j)
+                count += 1
+        return pairs[:count]
 
-    Parameters
-    ----------
-    bits1 : ndarray of uint64, shape (n1, m)
-        Descriptors.
-    columns2 : ndarray of uint64, shape (m, n2)
-        The other descriptors, transposed.
-    points1, points2 : ndarray of float64, shape (3, n1) and (3, n2)
-        Rows x, y [px], and a class; only equal classes match.  Sorted by class, then y.
-    reach : float
-        Largest displacement [px].
-    farthest : int
-        Largest Hamming distance.
-    """
-    n1, n2, words = len(bits1), points2.shape[1], bits1.shape[1]
-    x2, y2, class2 = points2
-    nothing = np.int64((farthest + 1) << 32)
-    best1, best2 = np.full(n1, nothing), np.full(n2, nothing)
-    start, end = 0, 0
-    for i in range(n1):
-        x, y, group = points1[:, i]
-        while start < n2 and (
-            class2[start] < group or (class2[start] == group and y2[start] < y - reach)
-        ):
-            start += 1
-        end = max(end, start)
-        while end < n2 and class2[end] == group and y2[end] <= y + reach:
-            end += 1
-        distance = np.zeros(end - start, dtype=np.int64)
-        for word in range(words):
-            _add_distance(bits1[i, word], columns2[word, start:end], distance)
-        dx, dy = x2[start:end] - x, y2[start:end] - y
-        best1[i] = start + _nearest(distance, dx, dy, reach * reach, nothing, i, best2[start:end])
-    pairs = np.empty((n1, 2), dtype=np.int64)
-    found = 0
-    for i in range(n1):
-        j = best1[i] & 0xFFFFFFFF
-        if best1[i] < nothing and best2[j] & 0xFFFFFFFF == i:
-            pairs[found] = (i, j)
-            found += 1
-    return pairs[:found]
+    return match

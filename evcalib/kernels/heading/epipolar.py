@@ -11,6 +11,7 @@ import numpy as np
 
 from evcalib.kernels.jit import jit
 from evcalib.kernels.linalg import cross, dot, tangent_basis
+from evcalib.kernels.median import median
 from evcalib.kernels.splitmix import draw
 
 
@@ -36,6 +37,52 @@ def sampson(t, bearings, residuals, rises):
     r1, r2, normals = bearings.r1, bearings.r2, bearings.normals
     for i in range(len(r1)):
         residuals[i], rises[i], _ = _sampson(t, r1[i], r2[i], normals[i])
+
+
+@jit
+def normals(r1, r2):
+    """Return r1 x r2, row by row."""
+    out = np.empty_like(r1)
+    for i in range(len(r1)):
+        out[i, 0], out[i, 1], out[i, 2] = cross(r1[i], r2[i])
+    return out
+
+
+@jit
+def first_not_unit(r, tolerance):
+    """Return the first row whose length is not 1, or -1."""
+    for i in range(len(r)):
+        if not abs(math.sqrt(dot(r[i], r[i])) - 1.0) <= tolerance:
+            return i
+    return -1
+
+
+@jit
+def evenly(bearings, most):
+    """Return the bearings, or if they are more than so many, these evenly taken."""
+    n = len(bearings.r1)
+    if n <= most:
+        return bearings
+    rows = np.empty(most, dtype=np.int64)
+    step = (n - 1) / max(most - 1, 1)
+    for k in range(most):
+        rows[k] = np.int64(k * step)
+    rows[most - 1] = n - 1 if most > 1 else 0
+    return Bearings(bearings.r1[rows], bearings.r2[rows], bearings.normals[rows])
+
+
+@jit
+def judge(t, bearings, threshold, inliers):
+    """Fill in which are inliers of t; return the residuals [rad] and the inliers' median size."""
+    n = len(bearings.r1)
+    residuals, rises, sizes = np.empty(n), np.empty(n), np.empty(n)
+    sampson(t, bearings, residuals, rises)
+    count = 0
+    for i in range(n):
+        inliers[i] = abs(residuals[i]) < threshold and rises[i] < threshold
+        sizes[count] = abs(residuals[i])
+        count += inliers[i]
+    return residuals, median(sizes[:count]) if count > 2 else -1.0
 
 
 @jit
@@ -124,7 +171,7 @@ def tame_leverage(t, bearings):
     pull = np.empty(len(r1))
     for i in range(len(r1)):
         pull[i] = math.sqrt(dot(normals[i], normals[i])) / _sampson(t, r1[i], r2[i], normals[i])[2]
-    limit = 3.0 * np.median(pull)
+    limit = 3.0 * median(pull.copy())
     for i in range(len(r1)):
         pull[i] = min(1.0, limit * limit / max(pull[i] * pull[i], 1e-300))
     return pull
