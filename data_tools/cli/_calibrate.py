@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 from zipfile import is_zipfile
@@ -44,6 +45,12 @@ TwistFrame = Annotated[
     typer.Option(
         help="body or ground: the frame of a bag's twists, if the bag contradicts itself."
     ),
+]
+
+
+Denoise = Annotated[
+    bool,
+    typer.Option(help="Leave out noise, hot pixels and flicker of lamps, where there is much."),
 ]
 
 
@@ -93,6 +100,7 @@ def calibrate(
     stream: common.Stream = None,
     surface: Annotated[str, typer.Option(help="tos_ts, tos, ts, silc or dist.")] = "tos_ts",
     rate: Annotated[float, typer.Option(help="Keyframes per second.")] = 20.0,
+    denoise: Denoise = True,
     seed: common.Seed = 0,
     overwrite: common.Overwrite = False,
     as_json: common.Json = False,
@@ -135,9 +143,12 @@ def calibrate(
         refinement=refinement,
         surface=surface,
         rate=rate,
+        denoise=denoise,
         seed=seed,
     )
-    common.print_calibration(run.calibration, as_json)
+    noise = run.estimate.noise
+    more = {"noise": None if noise is None else asdict(noise)}
+    common.print_calibration(run.calibration, as_json, more)
     for key, text in run.recording.items():
         if key.startswith("note") and not as_json:
             print(common.as_given(f"note: {text}"))
@@ -160,6 +171,7 @@ def headings(
     format: common.Format = None,
     disorder: common.Disorder = "refuse",
     stream: common.Stream = None,
+    denoise: Denoise = True,
     seed: common.Seed = 0,
 ) -> None:
     """Find the direction of motion of an event camera from its events."""
@@ -175,6 +187,7 @@ def headings(
         surface=surface,
         solver=solver,
         rate=rate,
+        denoise=denoise,
         seed=seed,
         time_unit=time_unit,
         format=format,

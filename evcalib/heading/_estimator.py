@@ -30,7 +30,7 @@ class HeadingEstimator:
         Of the sensor that the events come from.
     surface, detector, localisation, solver, rate, max_baseline, threshold, min_inliers
         As in `HeadingOptions`.
-    max_sd, enough_sd, seed, keep_correspondences
+    max_sd, enough_sd, seed, keep_correspondences, denoise
         As in `HeadingOptions`.
     """
 
@@ -73,7 +73,7 @@ class HeadingEstimator:
         rate = self._rate.result()
         estimate = self._windows.result(counts)
         snapshot = self._snapshots.result(float(rate.t[0]), float(rate.t[-1]) + rate.width)
-        return replace(estimate, event_rate=rate, snapshot=snapshot)
+        return replace(estimate, event_rate=rate, snapshot=snapshot, noise=self._maker.noise)
 
     def _match(self, before: Keyframe, after: Keyframe) -> KeyframeMatches | None:
         """Match two keyframes, unless they share events or the corners left the reach."""
@@ -106,7 +106,7 @@ def estimate_headings(
         Calibrated for the size of the events.
     surface, detector, localisation, solver, rate, max_baseline, threshold, min_inliers
         As in `HeadingOptions`, which tells what each does and its default.
-    max_sd, enough_sd, seed, keep_correspondences
+    max_sd, enough_sd, seed, keep_correspondences, denoise
         Likewise.
 
     Returns

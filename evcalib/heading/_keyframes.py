@@ -23,6 +23,7 @@ from evcalib.features import (
     match,
 )
 from evcalib.features.corners import DETECTORS
+from evcalib.filters import Denoiser, Noise
 from evcalib.heading._options import LOCALISATIONS, HeadingOptions
 from evcalib.kernels.heading.bearings import interpolate
 from evcalib.surfaces import SURFACES
@@ -52,6 +53,8 @@ class Counts:
     ----------
     events, corners, keyframes : int
         Taken in; found among the events; made of them.
+    noise : int
+        Events left out as the sensor's own, before corners are looked for.
     keypoints : int
         Described, over all keyframes.
     clipped : int
@@ -64,6 +67,7 @@ class Counts:
     events: int = 0
     corners: int = 0
     keyframes: int = 0
+    noise: int = 0
     keypoints: int = 0
     clipped: int = 0
     weak: int = 0
@@ -141,6 +145,7 @@ class KeyframeMaker:
         self.step, self._step_us = options.step, options.step_us
         self._camera = camera
         self._bearings = BearingTable(camera)
+        self._denoiser = Denoiser(width, height) if options.denoise else None
         self._detector = DETECTORS[options.detector](width, height)
         self._surface = SURFACES[options.surface](width, height, polarity="merged")
         self._finder = KeypointFinder(
@@ -158,6 +163,11 @@ class KeyframeMaker:
     def duration(self) -> float:
         """Time from the first to the last event [s]."""
         return 1e-6 * (self._end_us - self._start_us)
+
+    @property
+    def noise(self) -> Noise | None:
+        """What was left out as the sensor's own; None where nothing was to be."""
+        return None if self._denoiser is None else self._denoiser.noise
 
     @property
     def passed(self) -> int:
@@ -186,6 +196,13 @@ class KeyframeMaker:
     def _take(self, events: Events) -> None:
         if not len(events):
             return
+        self._end_us = int(events.t[-1])
+        taken = len(events)
+        if self._denoiser is not None:
+            events = self._denoiser.kept(events)
+        self._count(events=taken, noise=taken - len(events))
+        if not len(events):
+            return
         flags = self._detector.update(events)
         self._surface.update(events)
         if self._imager is not None:
@@ -193,8 +210,7 @@ class KeyframeMaker:
         corners = events[flags]
         if len(corners):
             self._corners.append(corners)
-        self._end_us = int(events.t[-1])
-        self._count(events=len(events), corners=len(corners))
+        self._count(corners=len(corners))
 
     def _skip(self, t_us: int) -> None:
         """Leave out the keyframes of a silence in which all corners were forgotten."""
