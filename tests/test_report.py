@@ -207,7 +207,7 @@ def test_what_deserves_a_look_is_said_and_only_then():
 
 def test_delays_of_the_pixels_are_said_with_the_offset_and_more_where_there_is_noise():
     run = bare_run(made_run())
-    assert "camera's own pixels" in text.findings(run)[2]
+    assert "pixels' own delay" in text.findings(run)[2]
     unknown = replace(run, calibration=replace(run.calibration, offset_observable=False))
     assert len(text.findings(unknown)) == 2
     for rate, said in ((1.0, 0), (6.2, 1)):

@@ -13,6 +13,7 @@ import yaml
 
 from data_tools.files.text import LARGEST_YAML, read_text, read_yaml
 from evcalib.alignment import Calibration
+from evcalib.alignment.verdict import PIXEL_DELAY
 from evcalib.arrays import Floats
 from evcalib.errors import InputError
 from evcalib.geometry import camera_looks, matrix_to_quaternion, matrix_to_rpy, quaternion_to_matrix
@@ -102,6 +103,7 @@ def summary_dict(calibration: Calibration) -> dict[str, Any]:
         "verdict": str(calibration.verdict),
         "doubts": list(calibration.verdict.doubts),
         "converged": joint is None or bool(joint.converged),
+        "pixel_delay": PIXEL_DELAY,
         "inlier_share": float(calibration.inlier_share),
         "headings_used": len(calibration.residuals.t),
         "diagnostics": {

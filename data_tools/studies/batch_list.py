@@ -84,6 +84,12 @@ def _whole(value: Any, home: Path) -> int:
     return value
 
 
+def _flag(value: Any, home: Path) -> bool:
+    if not isinstance(value, bool):
+        raise InputError("must be true or false")
+    return value
+
+
 def _word(value: Any, home: Path) -> str:
     if not isinstance(value, str) or not value.strip():
         raise InputError("must be a word")
@@ -148,6 +154,7 @@ KEYS: dict[str, Callable[[Any, Path], Any]] = {
     "stream": _word,
     "surface": _word,
     "rate": _number(0, "a positive number of keyframes per second", above=True),
+    "denoise": _flag,
     "seed": _whole,
 }
 """What an entry may hold, and how each value is read."""

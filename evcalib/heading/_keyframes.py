@@ -53,8 +53,6 @@ class Counts:
     ----------
     events, corners, keyframes : int
         Taken in; found among the events; made of them.
-    noise : int
-        Events left out as the sensor's own, before corners are looked for.
     keypoints : int
         Described, over all keyframes.
     clipped : int
@@ -67,7 +65,6 @@ class Counts:
     events: int = 0
     corners: int = 0
     keyframes: int = 0
-    noise: int = 0
     keypoints: int = 0
     clipped: int = 0
     weak: int = 0
@@ -197,10 +194,9 @@ class KeyframeMaker:
         if not len(events):
             return
         self._end_us = int(events.t[-1])
-        taken = len(events)
+        self._count(events=len(events))
         if self._denoiser is not None:
             events = self._denoiser.kept(events)
-        self._count(events=taken, noise=taken - len(events))
         if not len(events):
             return
         flags = self._detector.update(events)

@@ -121,8 +121,9 @@ def calibrate(
     offset.  A wrong wheel radius does nothing.
 
     The pixels' own delay is part of the offset, too, and cannot be told from it: they follow the
-    light as a low-pass does, whose bandwidth grows with the light.  Simulated, the offset comes out
-    2 ms early at 200 Hz, 7 ms at 50 Hz and 14 ms at 20 Hz (dim light), whatever the stated error.
+    light as a low-pass does, whose bandwidth grows with the light.  Simulated, events come 2 ms
+    late at 200 Hz, 9 ms at 50 Hz and 22 ms at 20 Hz (dim light), and the offset comes out 2, 7 and
+    14 ms early, whatever the stated error.
     """
     checks.one_of(refinement, "refinement", REFINEMENTS)
     checks.instance(camera, "camera", Camera)

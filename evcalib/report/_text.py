@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from evcalib.alignment import Calibration
+from evcalib.alignment.verdict import PIXEL_DELAY
 from evcalib.arrays import Floats
 from evcalib.geometry import (
     camera_looks,
@@ -38,12 +39,6 @@ MUCH_NOISE = 2.5
 Found on two simulated sweeps: with 3 and 5 Hz the offset came out 9 and 16 ms early at 0.2 m/s,
 1 and 4 ms at 0.5 m/s; without noise 2 and 1 ms.
 """
-
-PIXEL_DELAY = (
-    "The delay of the camera's own pixels, about 2 ms in bright light (200 Hz) to 22 ms in dim"
-    " light (20 Hz), is part of the offset and cannot be told from it; the stated error does not"
-    " hold it."
-)
 
 
 def success(calibration: Calibration) -> str:
