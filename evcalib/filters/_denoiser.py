@@ -262,12 +262,15 @@ def denoise(
     share: float = SHARE,
     within: float | None = None,
 ) -> Events:
-    """Leave out the events that a sensor makes of itself: background activity and hot pixels.
+    """Leave out noise: background activity, hot pixels, and flicker of lamps.
+
+    A stream with little noise stays whole, and so does the first fifth of a second of any.
 
     Parameters
     ----------
     events : Events
-        The whole stream; of one that comes in pieces, see `evcalib.filters.Denoiser`.
+        The whole stream.  For one that comes in pieces, and for counts of what was left out, see
+        `evcalib.filters.Denoiser`.
     support, share, within
         As in `evcalib.filters.Denoiser`.
 
