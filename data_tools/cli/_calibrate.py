@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 from zipfile import is_zipfile
@@ -107,6 +106,7 @@ def calibrate(
 ) -> None:
     """Find offset and rotation from a raw recording and wheel states, with a report."""
     from data_tools.runs.calibrate import run_files
+    from data_tools.runs.export import noise_dict
 
     run = run_files(
         recording,
@@ -146,9 +146,7 @@ def calibrate(
         denoise=denoise,
         seed=seed,
     )
-    noise = run.estimate.noise
-    more = {"noise": None if noise is None else asdict(noise)}
-    common.print_calibration(run.calibration, as_json, more)
+    common.print_calibration(run.calibration, as_json, noise_dict(run))
     for key, text in run.recording.items():
         if key.startswith("note") and not as_json:
             print(common.as_given(f"note: {text}"))

@@ -36,8 +36,9 @@ A choice, for a sentence alone: turns between straight parts stay below it, wron
 MUCH_NOISE = 2.5
 """Noise [Hz per pixel] from which on the report says that it may delay slow edges.
 
-Found on two simulated sweeps: with 3 and 5 Hz the offset came out 9 and 16 ms early at 0.2 m/s,
-1 and 4 ms at 0.5 m/s; without noise 2 and 1 ms.
+A choice, for a sentence alone.  Of four simulated sweeps at 0.2 m/s with 3 to 5 Hz the offset came
+out 9 and 16 ms early in two, as without noise (4 ms at most) in the others; at 0.5 m/s 5 ms off at
+most.
 """
 
 
@@ -103,8 +104,8 @@ def cautions(run: CalibrationRun) -> list[str]:
     if noise is not None and noise.rate >= MUCH_NOISE:
         notes.append(
             f"The sensor makes up to {noise.rate:.1f} events of noise per second and pixel. Most"
-            " are left out, but they delay the events of slow edges: at 0.2 m/s by some 10 ms,"
-            " which the stated error of the offset does not hold."
+            " are left out, but they may delay the events of slow edges: in two of four simulated"
+            " drives at 0.2 m/s by some 10 ms, which the stated error of the offset does not hold."
         )
     return notes
 
