@@ -5,7 +5,8 @@ cd "$(dirname "$0")/.."
 NUMBA_CACHE_DIR=$(mktemp -d)
 trap 'rm -rf "$NUMBA_CACHE_DIR"' EXIT
 export NUMBA_CACHE_DIR NUMBA_BOUNDSCHECK=1
-names="authors campaign cgoc corners epipolar event_image events events_text features formats_aedat4 formats_hdf5
+names="authors campaign cgoc corners epipolar event_image events events_text features filters
+    formats_aedat4 formats_hdf5
     formats_prophesee formats_streams formats_tables fuzz_flips geometry hand_eye heading joint joint_search offset
     rotation simulator surface_quality surfaces track tracks two_views uncertainty unchanged"
 

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from evcalib.camera import Camera
     from evcalib.errors import EvcalibError, InputError
     from evcalib.events import Events
+    from evcalib.filters import denoise
     from evcalib.heading import estimate_headings
     from evcalib.pipeline import calibrate
     from evcalib.series import HeadingSeries, VelocitySeries
@@ -42,6 +43,7 @@ __all__ = [
     "VelocitySeries",
     "align",
     "calibrate",
+    "denoise",
     "estimate_headings",
 ]
 
@@ -55,12 +57,13 @@ _HOMES = {
     "VelocitySeries": "series",
     "align": "alignment",
     "calibrate": "pipeline",
+    "denoise": "filters",
     "estimate_headings": "heading",
 }
 
 _MODULES = (
     *("camera", "errors", "events", "geometry", "poses", "series"),
-    *("surfaces", "features", "heading", "kinematics", "alignment", "joint", "pipeline"),
+    *("filters", "surfaces", "features", "heading", "kinematics", "alignment", "joint", "pipeline"),
     *("uncertainty", "baselines", "design", "plots", "report", "widgets"),
 )
 

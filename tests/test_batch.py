@@ -227,6 +227,7 @@ def test_every_option_of_calibrate_may_stand_in_a_list(tmp_path):
         **{"clock_shift": -3600, "twist_frame": "ground", "motion_time_unit": "ms"},
         **{"wheel_radius": 0.1, "time_unit": "us", "format": "text", "disorder": "sort"},
         **{"stream": "1", "surface": "ts", "rate": 30, "seed": 7, "size": "8x5"},
+        "denoise": False,
     }
     seen = []
 
@@ -250,6 +251,7 @@ def test_every_option_of_calibrate_may_stand_in_a_list(tmp_path):
         "surface",
         "rate",
         "seed",
+        "denoise",
     )
     assert {key: given[key] for key in same} == {key: entry[key] for key in same}
     assert set(given) - {"recording", "camera", "velocities", "output"} == {
@@ -266,6 +268,7 @@ def test_every_option_of_calibrate_may_stand_in_a_list(tmp_path):
         ("seed: 1.5", "seed must be a whole number"),
         ("wheel_radius: 0", "wheel_radius must be a positive number of metres"),
         ("topic: 3", "topic must be a word"),
+        ("denoise: 1", "denoise must be true or false"),
         ("columns: 3", "columns must be a path"),
         ("offset: .nan", "offset must be a number of seconds"),
     ],

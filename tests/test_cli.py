@@ -299,6 +299,20 @@ def test_headings_of_a_real_recording_point_to_the_truth(run, data, tmp_path):
     assert np.median(table["vx"][table["t"] > 0.2]) > np.cos(np.radians(2))
 
 
+def test_noise_is_left_out_and_told_unless_all_events_are_asked_for(run, tmp_path):
+    rng = np.random.default_rng(4)
+    n, size = 40_000, {"width": 64, "height": 48}
+    t, p = np.sort(rng.integers(0, 1_300_000, n)), rng.random(n) < 0.5
+    source, camera = tmp_path / "noisy.npz", tmp_path / "calib.txt"
+    np.savez(source, x=rng.integers(0, 64, n), y=rng.integers(0, 48, n), t=t, p=p, **size)
+    camera.write_text("50 50 31.5 23.5 0 0 0 0 0\n")
+    words = ("headings", source, "--camera", camera, "-o", tmp_path / "h.csv")
+    for option, told in (("--denoise", True), ("--no-denoise", False)):
+        code, out, _ = run(*words, option)
+        assert (code, "40000 events" in out) == (cli.NO_ANSWER, True)
+        assert ("left out as noise: 77" in out) == told
+
+
 def test_importing_evcalib_pulls_in_neither_plots_nor_notebooks():
     heavy = "('matplotlib', 'IPython', 'ipywidgets', 'jupyterlab')"
     code = f"import sys, evcalib, data_tools.cli; sys.exit(any(m in sys.modules for m in {heavy}))"

@@ -16,6 +16,7 @@ from data_tools.recordings import open_recording
 from data_tools.recordings.convert import convert
 from evcalib.errors import InputError
 from evcalib.events import Events
+from evcalib.filters import denoise
 
 TARGETS = ("a.h5", "a.hdf5", "a.npz", "a.csv", "a.csv.gz", "a.txt", "a.txt.gz")
 
@@ -185,3 +186,22 @@ def test_text_tells_the_sensor_in_a_comment(tmp_path):
     convert(recording, tmp_path / "a.txt.gz")
     first = gzip.decompress((tmp_path / "a.txt.gz").read_bytes()).decode().splitlines()[0]
     assert first == "# evcalib-events version=1 width=640 height=480 time_unit=s"
+
+
+def test_denoise_writes_what_the_filter_leaves(tmp_path, run):
+    """Pure noise of 10 Hz per pixel: a tenth of it stays once the noise has been measured."""
+    rng = np.random.default_rng(4)
+    n, size = 40_000, {"width": 64, "height": 48}
+    t = np.sort(rng.integers(0, 1_300_000, n))
+    source = tmp_path / "noisy.npz"
+    x, y = rng.integers(0, 64, n), rng.integers(0, 48, n)
+    np.savez(source, x=x, y=y, t=t, p=rng.random(n) < 0.5, **size)
+    wanted = denoise(events(source))
+    code, out, _ = run("convert", source, tmp_path / "clean.h5", "--denoise")
+    assert (code, f"{len(wanted)} events written" in out) == (0, True)
+    assert "left out: " in out
+    assert "without enough neighbours (10." in out
+    assert same(events(tmp_path / "clean.h5"), wanted)
+    assert len(wanted) < 0.4 * n
+    assert run("convert", source, tmp_path / "same.h5")[0] == 0
+    assert same(events(tmp_path / "same.h5"), events(source))

@@ -53,6 +53,7 @@ def test_the_file_tells_doubts_and_whether_the_refinement_settled(unobservable):
     *_, found = unobservable
     told = summary_dict(found)
     assert (told["doubts"], told["converged"]) == ([], found.joint.converged)
+    assert "9 ms at 50 Hz" in told["pixel_delay"]
     verdict = replace(found.verdict, doubts=("The clocks drift.",))
     torn = replace(found, verdict=verdict, joint=replace(found.joint, converged=False))
     told = summary_dict(torn)

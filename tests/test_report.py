@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from made_runs import bare_run, made_run
 from scipy.spatial.transform import Rotation
 
+from evcalib.filters import Noise
 from evcalib.geometry import LOOKS_FORWARD
 from evcalib.pipeline import Gating, InputFile
 from evcalib.pipeline._run import package_versions
@@ -168,8 +169,8 @@ def test_the_mounting_in_words(rpy, words):
 def test_the_truth_is_compared_where_it_is_known():
     run = made_run()
     error = 1e3 * (run.calibration.offset - 0.2)
-    assert f"off by {error:+.1f} ms" in text.findings(run)[2]
-    assert len(text.findings(bare_run(run))) == 2
+    assert f"off by {error:+.1f} ms" in text.findings(run)[-1]
+    assert len(text.findings(bare_run(run))) == 3
 
 
 def test_a_drive_that_cannot_answer_does_not_look_like_one_that_can():
@@ -202,6 +203,19 @@ def test_what_deserves_a_look_is_said_and_only_then():
     assert rows.startswith("45 % of the wheel rows")
     assert "12 bytes of a cut packet" in losses
     assert "out of order" not in losses
+
+
+def test_delays_of_the_pixels_are_said_with_the_offset_and_more_where_there_is_noise():
+    run = bare_run(made_run())
+    assert "pixels' own delay" in text.findings(run)[2]
+    unknown = replace(run, calibration=replace(run.calibration, offset_observable=False))
+    assert len(text.findings(unknown)) == 2
+    for rate, said in ((1.0, 0), (6.2, 1)):
+        noise = Noise(events=100, kept=60, unsupported=40, rate=rate)
+        noisy = replace(run, estimate=replace(run.estimate, noise=noise))
+        assert len(text.cautions(noisy)) == said
+    assert "6.2 events of noise per second and pixel" in text.cautions(noisy)[0]
+    assert "40.0 % of the events: 40 without enough neighbours" in Page(report_html(noisy)).text
 
 
 def test_a_bare_run_has_a_report_too():

@@ -55,6 +55,10 @@ OdometrySd = Annotated[
         " by default that of the kind of wheels."
     ),
 ]
+Denoise = Annotated[
+    bool,
+    typer.Option(help="Leave out noise, hot pixels and flicker of lamps, where there is much."),
+]
 
 
 @app.command()
@@ -104,12 +108,14 @@ def calibrate(
     surface: Annotated[str, typer.Option(help="tos_ts, tos, ts, silc or dist.")] = "tos_ts",
     rate: Annotated[float, typer.Option(help="Keyframes per second.")] = 20.0,
     odometry_sd: OdometrySd = None,
+    denoise: Denoise = True,
     seed: common.Seed = 0,
     overwrite: common.Overwrite = False,
     as_json: common.Json = False,
 ) -> None:
     """Find offset and rotation from a raw recording and wheel states, with a report."""
     from data_tools.runs.calibrate import run_files
+    from data_tools.runs.export import noise_dict
 
     run = run_files(
         recording,
@@ -147,9 +153,10 @@ def calibrate(
         surface=surface,
         rate=rate,
         odometry_sd=_radians(odometry_sd),
+        denoise=denoise,
         seed=seed,
     )
-    common.print_calibration(run.calibration, as_json)
+    common.print_calibration(run.calibration, as_json, noise_dict(run))
     for key, text in run.recording.items():
         if key.startswith("note") and not as_json:
             print(common.as_given(f"note: {text}"))
@@ -172,6 +179,7 @@ def headings(
     format: common.Format = None,
     disorder: common.Disorder = "refuse",
     stream: common.Stream = None,
+    denoise: Denoise = True,
     seed: common.Seed = 0,
 ) -> None:
     """Find the direction of motion of an event camera from its events."""
@@ -187,6 +195,7 @@ def headings(
         surface=surface,
         solver=solver,
         rate=rate,
+        denoise=denoise,
         seed=seed,
         time_unit=time_unit,
         format=format,

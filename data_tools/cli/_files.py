@@ -41,15 +41,22 @@ def convert(
     format: common.Format = None,
     disorder: common.Disorder = "refuse",
     stream: common.Stream = None,
+    denoise: Annotated[
+        bool, typer.Option("--denoise", help="Leave out noise, hot pixels and flicker of lamps.")
+    ] = False,
 ) -> None:
     """Write a recording in another format."""
+    from data_tools.recordings.convert import Denoised
     from data_tools.recordings.convert import convert as write
 
     opened = _opened(
         recording, size, time_unit=time_unit, format=format, disorder=disorder, stream=stream
     )
-    count = write(opened, target)
+    cleaned = Denoised(opened) if denoise else None
+    count = write(cleaned or opened, target)
     common.tell(f"{count} events written to {target}", target)
+    if cleaned is not None:
+        common.tell(f"left out: {cleaned.noise.text()}", target)
     for what, lost in opened.losses.items():
         if lost:
             common.tell(f"lost: {lost} {what}", target)

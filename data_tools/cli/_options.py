@@ -7,6 +7,7 @@ import os
 import shlex
 import sys
 import tempfile
+from collections.abc import Mapping
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -136,12 +137,14 @@ Stream = Annotated[
 Seed = Annotated[int, typer.Option(min=0, help="Seed of everything that is drawn.")]
 
 
-def print_calibration(calibration: Calibration, as_json: bool) -> None:
-    """Print a calibration as words, or as JSON alone."""
+def print_calibration(
+    calibration: Calibration, as_json: bool, more: Mapping[str, Any] | None = None
+) -> None:
+    """Print a calibration as words, or as JSON alone with more beside it."""
     from data_tools.runs.export import summary_dict, summary_text
 
     if as_json:
-        print(json.dumps(summary_dict(calibration), indent=2))
+        print(json.dumps({**summary_dict(calibration), **(more or {})}, indent=2))
     else:
         print(summary_text(calibration))
 

@@ -51,6 +51,7 @@ from data_tools.recordings.formats.events_text import MARK
 from data_tools.recordings.formats.hdf5 import LAYOUT, VERSION
 from evcalib.errors import InputError
 from evcalib.events import Events
+from evcalib.filters import Denoiser, Noise
 
 _CHUNK = 1 << 16
 _TYPES = {"x": np.uint16, "y": np.uint16, "t": np.int64, "p": np.uint8}
@@ -79,6 +80,31 @@ class EventSource(Protocol):
         """Yield pieces in order of time."""
 
 
+class Denoised:
+    """A recording without what the sensor makes of itself; see `evcalib.filters.Denoiser`.
+
+    Parameters
+    ----------
+    recording : Recording
+        What `open_recording` returned, or anything like it.
+    """
+
+    def __init__(self, recording: EventSource) -> None:
+        self.path, self.origin_us = recording.path, recording.origin_us
+        self.width, self.height = recording.width, recording.height
+        self.noise = Noise()
+        self._recording = recording
+
+    def __iter__(self) -> Iterator[Events]:
+        """Yield pieces in order of time; afterwards `noise` says what was left out."""
+        denoiser = Denoiser(self.width, self.height)
+        for piece in self._recording:
+            kept = denoiser.kept(piece)
+            if len(kept):
+                yield kept
+        self.noise = denoiser.noise
+
+
 def convert(recording: EventSource, target: str | Path) -> int:
     """Write a recording to another file, in bounded memory.
 
@@ -87,7 +113,7 @@ def convert(recording: EventSource, target: str | Path) -> int:
     Parameters
     ----------
     recording : Recording
-        What `open_recording` returned, or anything like it.
+        What `open_recording` returned, or anything like it, such as `Denoised`.
     target : path
         The file; its suffix says the format: ``.h5`` or ``.hdf5`` (our own layout), ``.npz``,
         ``.csv`` or ``.txt``, these two also with ``.gz``.  A file of that name is replaced.

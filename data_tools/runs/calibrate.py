@@ -178,6 +178,8 @@ def _description(events: Recording, run: CalibrationRun, more: list[str]) -> dic
         "sensor": f"{events.width} x {events.height} px",
         "events": f"{counts.events:,}",
     }
+    if (noise := run.estimate.noise) is not None and noise.kept < noise.events:
+        described["note noise"] = f"left out as noise: {noise.text()}"
     if rate is not None and rate.t.size:
         described["from"] = f"{rate.t[0]:.3f} s"
         described["to"] = f"{rate.t[-1] + rate.width:.3f} s"

@@ -146,6 +146,12 @@ def _or_none(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
 
 
+def noise_dict(run: CalibrationRun) -> dict[str, Any]:
+    """Return what was left out of the events as noise; null where all were taken."""
+    noise = run.estimate.noise
+    return {"noise": None if noise is None else asdict(noise)}
+
+
 def run_dict(run: CalibrationRun) -> dict[str, Any]:
     """Return the content of a run's ``calibration.yaml``: what comparing runs needs, too."""
     systematic, rate = run.settings.get("systematic", {}), run.estimate.event_rate
@@ -158,6 +164,7 @@ def run_dict(run: CalibrationRun) -> dict[str, Any]:
     vehicle = run.files.get("vehicle")
     return {
         **summary_dict(run.calibration),
+        **noise_dict(run),
         # Of the error bars above, what all runs of a rig have in common.
         "shared": {
             "rotation_sd_deg": math.degrees(systematic["rotation_sd"]) if refined else 0.0,

@@ -132,6 +132,8 @@ def _summary(estimate: HeadingEstimate, recording: Recording, seconds: float) ->
     lost = [(reason, count) for reason, count in recording.losses.items() if count]
     if lost:
         lines.append("not used of the recording: " + _counted(lost))
+    if estimate.noise is not None and estimate.noise.kept < events:
+        lines.append(f"left out as noise: {estimate.noise.text()}")
     if recording.origin_us:
         lines.append(f"times count from {recording.origin_us} us of the recording's clock")
     return "\n".join([*lines, *recording.notes])

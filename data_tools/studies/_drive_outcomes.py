@@ -64,7 +64,7 @@ def draw(parameters: Mapping[str, Any], seed: np.random.SeedSequence) -> Recorde
     )
 
 
-def judged(drive: RecordedDrive, camera: Camera | None = None) -> Row:
+def judged(drive: RecordedDrive, camera: Camera | None = None, *, denoise: bool = True) -> Row:
     """Calibrate a drive from its raw events, and return a row: what came out, and what it is worth.
 
     ``class`` is ``refused`` (offset or rotation not determined, or no answer), ``useful`` (within
@@ -78,13 +78,16 @@ def judged(drive: RecordedDrive, camera: Camera | None = None) -> Row:
         What to calibrate.
     camera : Camera, optional
         What the calibration is told of the lens; the truth if not given.
+    denoise : bool
+        As in `calibrate`.
     """
     began = time.process_time()
     body = body_velocities(drive.wheels, drive.vehicle)
     lens = camera or drive.simulator.camera
     shown = {"motion": drive.drive.kind, "late_s": drive.late}
     try:
-        run = calibrate(drive.simulator.stream(threads=1), lens, body, max_offset=MAX_OFFSET)
+        stream = drive.simulator.stream(threads=1)
+        run = calibrate(stream, lens, body, max_offset=MAX_OFFSET, denoise=denoise)
     except InputError as error:
         return {**shown, **_REFUSED, "verdict": str(error), "seconds": time.process_time() - began}
     return {

@@ -84,6 +84,12 @@ def _whole(value: Any, home: Path) -> int:
     return value
 
 
+def _flag(value: Any, home: Path) -> bool:
+    if not isinstance(value, bool):
+        raise InputError("must be true or false")
+    return value
+
+
 def _word(value: Any, home: Path) -> str:
     if not isinstance(value, str) or not value.strip():
         raise InputError("must be a word")
@@ -149,6 +155,7 @@ KEYS: dict[str, Callable[[Any, Path], Any]] = {
     "surface": _word,
     "odometry_sd": _number(0, "an angle in degrees, not negative"),
     "rate": _number(0, "a positive number of keyframes per second", above=True),
+    "denoise": _flag,
     "seed": _whole,
 }
 """What an entry may hold, and how each value is read."""

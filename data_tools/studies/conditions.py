@@ -49,7 +49,8 @@ FACTORS: dict[str, list[Cell]] = {
     "tilt": _bodies("tilt", {f"{x} deg per m/s^2": {"tilt": _rad(x)} for x in (0.1, 0.3, 1.0)}),
     "vibration": _bodies("vibration", {f"{x} deg": {"vibration": _rad(x)} for x in (0.2, 0.5)}),
     "pixels": _sensors("pixels", {f"{x} Hz": {"cutoff": float(x)} for x in (200, 50, 20)}),
-    "noise": _sensors("noise", {f"{x} Hz": {"noise_rate": float(x)} for x in (1, 3, 5, 10)}),
+    "noise": _sensors("noise", {f"{x} Hz": {"noise_rate": float(x)} for x in (1, 3, 5, 10)})
+    + _one("noise 5 Hz, unfiltered", sensor={"noise_rate": 5.0}, denoise=False),
     "leak": _sensors("leak", {f"{x} Hz": {"leak_rate": x} for x in (0.1, 0.5)}),
     "dim": _one(
         "dim light, pixels 30 Hz, shot noise 3 Hz",
@@ -115,4 +116,4 @@ def trial(parameters: Mapping[str, Any], seed: np.random.SeedSequence) -> list[R
     if "k1_share" in parameters:
         k1, *rest = lens.distortion
         lens = replace(lens, distortion=(parameters["k1_share"] * k1, *rest))
-    return [judged(drive, lens)]
+    return [judged(drive, lens, denoise=parameters.get("denoise", True))]

@@ -39,7 +39,6 @@ SPREAD_MORE = (
     " so without turning its body)."
 )
 
-
 TURN_OTHERWISE = (
     "Drive figure-eights or a slalom at a changing speed, turning to either side: constant circles"
     " and turns in place hide the rest."

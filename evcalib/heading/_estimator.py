@@ -31,7 +31,7 @@ class HeadingEstimator:
         Of the sensor that the events come from.
     surface, detector, localisation, solver, rate, max_baseline, threshold, min_inliers
         As in `HeadingOptions`.
-    max_sd, enough_sd, seed, keep_correspondences
+    max_sd, enough_sd, seed, keep_correspondences, denoise
         As in `HeadingOptions`.
     """
 
@@ -81,7 +81,7 @@ class HeadingEstimator:
         estimate = self._windows.result(counts)
         self.stop()
         snapshot = self._snapshots.result(float(rate.t[0]), float(rate.t[-1]) + rate.width)
-        return replace(estimate, event_rate=rate, snapshot=snapshot)
+        return replace(estimate, event_rate=rate, snapshot=snapshot, noise=self._maker.noise)
 
     def stop(self) -> None:
         """End the threads of a stream that is not finished."""
@@ -118,7 +118,7 @@ def estimate_headings(
         Calibrated for the size of the events.
     surface, detector, localisation, solver, rate, max_baseline, threshold, min_inliers
         As in `HeadingOptions`, which tells what each does and its default.
-    max_sd, enough_sd, seed, keep_correspondences
+    max_sd, enough_sd, seed, keep_correspondences, denoise
         Likewise.
 
     Returns

@@ -23,6 +23,7 @@ from evcalib.features import (
     match,
 )
 from evcalib.features.corners import DETECTORS
+from evcalib.filters import Denoiser, Noise
 from evcalib.heading._options import LOCALISATIONS, HeadingOptions
 from evcalib.kernels.heading.bearings import interpolate
 from evcalib.surfaces import SURFACES
@@ -141,6 +142,7 @@ class KeyframeMaker:
         self.step, self._step_us = options.step, options.step_us
         self._camera = camera
         self._bearings = BearingTable(camera)
+        self._denoiser = Denoiser(width, height) if options.denoise else None
         self._detector = DETECTORS[options.detector](width, height)
         self._surface = SURFACES[options.surface](width, height, polarity="merged")
         self._finder = KeypointFinder(
@@ -158,6 +160,11 @@ class KeyframeMaker:
     def duration(self) -> float:
         """Time from the first to the last event [s]."""
         return 1e-6 * (self._end_us - self._start_us)
+
+    @property
+    def noise(self) -> Noise | None:
+        """What was left out as the sensor's own; None where nothing was to be."""
+        return None if self._denoiser is None else self._denoiser.noise
 
     @property
     def passed(self) -> int:
@@ -186,6 +193,12 @@ class KeyframeMaker:
     def _take(self, events: Events) -> None:
         if not len(events):
             return
+        self._end_us = int(events.t[-1])
+        self._count(events=len(events))
+        if self._denoiser is not None:
+            events = self._denoiser.kept(events)
+        if not len(events):
+            return
         flags = self._detector.update(events)
         self._surface.update(events)
         if self._imager is not None:
@@ -193,8 +206,7 @@ class KeyframeMaker:
         corners = events[flags]
         if len(corners):
             self._corners.append(corners)
-        self._end_us = int(events.t[-1])
-        self._count(events=len(events), corners=len(corners))
+        self._count(corners=len(corners))
 
     def _skip(self, t_us: int) -> None:
         """Leave out the keyframes of a silence in which all corners were forgotten."""

@@ -79,6 +79,9 @@ class HeadingOptions:
         Of the descriptor's pattern and of the solver's samples.
     keep_correspondences : bool
         Keep the matches behind the headings; of a long recording those of some corners.
+    denoise : bool
+        Leave out what the sensor makes of itself, where it makes much; see
+        `evcalib.filters.Denoiser`.
 
     Raises
     ------
@@ -104,6 +107,7 @@ class HeadingOptions:
     enough_sd: float = 0.2
     seed: int = 0
     keep_correspondences: bool = False
+    denoise: bool = True
 
     def __post_init__(self) -> None:
         for name, choices in _CHOICES.items():

@@ -8,6 +8,7 @@ import numpy as np
 
 from evcalib.arrays import Floats
 from evcalib.display import Shown
+from evcalib.filters import Noise
 from evcalib.heading._correspondences import CorrespondenceKeeper, Correspondences
 from evcalib.heading._keyframes import Counts
 from evcalib.heading._snapshot import EventRate, Snapshot
@@ -55,6 +56,8 @@ class HeadingEstimate(Shown):
         Events over time.
     snapshot : Snapshot, optional
         Two keyframes and their matches, from near the middle; None without headings.
+    noise : Noise, optional
+        What was left out of the events as the sensor's own; None where they were taken as they are.
     """
 
     headings: HeadingSeries
@@ -65,6 +68,7 @@ class HeadingEstimate(Shown):
     inlier_share: Floats | None = None
     event_rate: EventRate | None = None
     snapshot: Snapshot | None = None
+    noise: Noise | None = None
 
     @property
     def found(self) -> float:

@@ -159,6 +159,8 @@ def _data(run: CalibrationRun) -> Html:
         spanned = estimate.event_rate.t[-1] + estimate.event_rate.width - estimate.event_rate.t[0]
         recording.append(("Mean event rate", f"{counts.events / spanned:,.0f} per second"))
     recording += [(f"Lost: {what}", f"{count:,}") for what, count in run.losses.items()]
+    if estimate.noise is not None:
+        recording.append(("Left out as noise", estimate.noise.text()))
     windows = [
         ("Keyframes", f"{counts.keyframes:,}"),
         ("Corner events", f"{counts.corners:,}"),

@@ -1,0 +1,1 @@
+"""Loops of `evcalib.filters`."""
