@@ -21,9 +21,9 @@ ONE_PLACE = "only a small part of the image moves"
 UNCERTAIN = "direction uncertain"
 NOT_NEWER = "not newer than the heading before"
 
-# What follows are choices.  Half or double of each gives the same heading of a simulated drive
-# (tests/test_heading_thresholds.py); that standing still, noise and lost matches are refused is
-# tested in tests/test_heading.py, that real turns and moving things are in
+# What follows are choices.  Half or double of most gives the same heading of a simulated drive
+# (tests/test_heading_thresholds.py names them); that standing still, noise and lost matches are
+# refused is tested in tests/test_heading.py, that real turns and moving things are in
 # tests/test_heading_real.py.
 
 STILL_PX = 2.0

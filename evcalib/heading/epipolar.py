@@ -35,8 +35,7 @@ LENS_SD = (0.03, 0.4, 0.3, 0.1, 0.1)
 """How badly a lens may be known: standard deviations of the numbers of its displacement (see
 `evcalib.kernels.heading.lens`).  Focal lengths are off by a few percent, centres by 20 px of
 200; a file that lacks its distortion is off by about 0.37 in k1 and 0.15 in k2, as the lenses of
-DAVIS cameras are.  Half or double of all of them gives the same heading
-(`tests/test_heading_thresholds.py`)."""
+DAVIS cameras are."""
 
 LENS_MOST = 0.6
 """Bound of each of these numbers: beyond it the displacement folds the picture."""
