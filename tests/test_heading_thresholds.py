@@ -33,25 +33,35 @@ def events():
     return simulate_translation(MOTION, 0.5, 0.9, CAMERA, seed=11).events
 
 
-def require_good(estimate):
+@pytest.fixture(scope="module")
+def usual(events):
+    """The share of windows with a heading, by the thresholds as they are."""
+    found = estimate_headings(events, CAMERA).found
+    assert found > 0.6  # the wall before the camera is nearly flat: a turn explains some windows
+    return found
+
+
+def require_good(estimate, usual):
     off = np.degrees(angle_between(estimate.headings.v, unit(MOTION)))
     assert np.median(off) < 0.6
     assert off.max() < 1.5
-    assert estimate.found > 0.8
+    assert estimate.found > 0.8 * usual
 
 
 @pytest.mark.parametrize("factor", [0.5, 2])
 @pytest.mark.parametrize("name", NAMES)
-def test_half_or_double_of_a_threshold_gives_the_same_heading(name, factor, events, monkeypatch):
+def test_half_or_double_of_a_threshold_gives_the_same_heading(
+    name, factor, events, usual, monkeypatch
+):
     module, _, short = name.rpartition(".")
     value = getattr(import_module(module), short)
     changed = type(value)(value * factor)
     monkeypatch.setattr(name, min(changed, 0.95) if short in SHARES else changed)
-    require_good(estimate_headings(events, CAMERA))
+    require_good(estimate_headings(events, CAMERA), usual)
 
 
 @pytest.mark.parametrize("factor", [0.5, 2])
 @pytest.mark.parametrize("name", ["rate", "max_baseline", "threshold", "min_inliers", "enough_sd"])
-def test_half_or_double_of_an_option_gives_the_same_heading(name, factor, events):
+def test_half_or_double_of_an_option_gives_the_same_heading(name, factor, events, usual):
     changed = type(getattr(HeadingOptions, name))(getattr(HeadingOptions, name) * factor)
-    require_good(estimate_headings(events, CAMERA, **{name: changed}))
+    require_good(estimate_headings(events, CAMERA, **{name: changed}), usual)
