@@ -342,8 +342,8 @@ def test_no_cause_is_named_where_none_shows():
 # Slow noise of the odometry ---------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("drift", [0.1, 0.2])
-def test_slow_noise_of_the_odometry_leaves_the_offset_of_a_polyline(drift):
+@pytest.mark.parametrize(("drift", "answered"), [(0.1, 5), (0.2, 3)])
+def test_slow_noise_of_the_odometry_leaves_the_offset_of_a_polyline(drift, answered):
     """Noise with a memory of a second, a tenth and a fifth of the speed: turns of 45 deg show."""
     answers = []
     for seed in range(6):
@@ -363,7 +363,7 @@ def test_slow_noise_of_the_odometry_leaves_the_offset_of_a_polyline(drift):
             low, high = found.offset_interval
             assert low < made.offset < high
             assert rotation_angle(found.R_body_cam, made.R_body_cam) < 2 * found.rotation_radius
-    assert sum(answers) >= 4
+    assert sum(answers) >= answered
 
 
 def test_a_straight_drive_under_slow_noise_stays_unobservable():

@@ -103,7 +103,7 @@ def test_a_recording_and_wheels_give_the_truth(sweep, calibrated):
     stored = yaml.safe_load((folder / "calibration.yaml").read_text())
     assert stored.items() >= printed.items()
     assert stored.keys() - printed.keys() == {"shared", "recording", "rig"}
-    assert 0 < stored["noise"]["kept"] <= stored["noise"]["events"]
+    assert stored["noise"] is None  # so small a sensor is not filtered
     error = rotation_angle(stored["R_body_cam"], sweep.drive.R_body_cam)
     assert np.degrees(error) < min(2.0, 1.5 * stored["rotation_radius_deg"])
     miss = abs(stored["offset_s"] - sweep.drive.offset)
@@ -181,7 +181,7 @@ def test_a_wrong_type_is_told_with_what_makes_the_right_one(wrong, message):
 def test_a_drive_that_cannot_answer_exits_with_3_and_says_why(
     run, tmp_path_factory, tmp_path, motion
 ):
-    files = recorded(tmp_path_factory, motion, 3, 3.0)
+    files = recorded(tmp_path_factory, motion, 3, 5.0)
     code, out, _ = run(*files.words("-o", tmp_path / "o"))
     assert code == 3
     assert "offset is not observable" in out

@@ -15,7 +15,7 @@ QUIET = 0.1
 """Part of the image that is taken to see nothing but noise.  A choice.  What moves is seen there,
 too: eight simulated drives without noise, at 0.2 to 1 m/s, pass for up to 1.1 Hz per pixel, and of
 seven real recordings by day the worst, stripes that fill the image, for 1.6 Hz.  A simulated sensor
-of 96 x 72 px, which has texture everywhere, passes for 3 Hz, and loses 14 % of its events."""
+of 96 x 72 px, which has texture everywhere, passes for 3 Hz."""
 
 _QUIET_SD = 1.2816
 """A tenth of a normal distribution lies further below its mean [sd]."""

@@ -28,6 +28,11 @@ from evcalib.heading._options import LOCALISATIONS, HeadingOptions
 from evcalib.kernels.heading.bearings import interpolate
 from evcalib.surfaces import SURFACES
 
+TELLS_NOISE = 10_000
+"""Pixels of the least sensor whose noise is told from texture: one of 96 x 72 px sees texture in all
+its parts and passes for 3 Hz of noise, by whose filter its offset was 20 ms off; one of 128 x 128
+passes for 1.6 at most."""
+
 REACH_PX = 4
 """Radius of a keypoint [px]; corner events are gathered while the corner moves that far.  This, the
 bounds below and `REACH` are choices; `tests/test_heading_thresholds.py` shows what half and
@@ -142,7 +147,8 @@ class KeyframeMaker:
         self.step, self._step_us = options.step, options.step_us
         self._camera = camera
         self._bearings = BearingTable(camera)
-        self._denoiser = Denoiser(width, height) if options.denoise else None
+        told = width * height >= TELLS_NOISE
+        self._denoiser = Denoiser(width, height) if options.denoise and told else None
         self._detector = DETECTORS[options.detector](width, height)
         self._surface = SURFACES[options.surface](width, height, polarity="merged")
         self._finder = KeypointFinder(

@@ -81,7 +81,7 @@ class HeadingOptions:
         Keep the matches behind the headings; of a long recording those of some corners.
     denoise : bool
         Leave out what the sensor makes of itself, where it makes much; see
-        `evcalib.filters.Denoiser`.
+        `evcalib.filters.Denoiser`.  Never on sensors of fewer than 10,000 pixels.
 
     Raises
     ------

@@ -299,8 +299,8 @@ def _refined(
     And the refinement that estimated the position, if one did.
     """
     assert estimate.correspondences is not None
-    found = estimate.correspondences.heading >= 0
-    tracks = tracks_of(estimate.correspondences.select(found))
+    # A corner needs no heading to be followed: what windows without one saw counts as well.
+    tracks = tracks_of(estimate.correspondences)
     refine = Refiner(tracks, velocities, track, turning, asked)
     joint, free = refine(aligned.R_body_cam, aligned.offset)
     if not _determines(joint, track, asked) and not aligned.rotation_observable:
