@@ -27,12 +27,19 @@ from evcalib.kinematics import (
     check_vehicle,
     turning_centre,
 )
-from evcalib.series import VelocitySeries
+from evcalib.series import VelocitySeries, bins
 
 MIN_STEP = 1e-4
 """A median step between rows below this [s] is taken for a mistake of units."""
 MAX_GAP = 3600.0
 """Rows may have been left out, but not for longer than this [s]: then a clock was set."""
+SPEEDING, BREATH = 20.0, 0.5
+"""A speed that changes by more than this [m/s^2], over so long [s], is told of: two g, which tyres
+do not hold.  A choice."""
+FAST = 40.0
+"""A usual speed above this [m/s], 144 km/h, is told of.  A choice."""
+LARGE = 5.0
+"""Wheels farther than this [m] from the origin are told of: a choice, beyond what cars have."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,14 +185,15 @@ def read_body_velocities(
             body = body_velocities(motion, vehicle)
         except InputError as error:
             raise InputError(f"{path}: {error}") from None
-        advice = check_vehicle(motion, vehicle).advice
+        advice = (*_large(vehicle), *check_vehicle(motion, vehicle).advice)
         notes += [f"look at the vehicle: {line}" for line in advice]
+        notes += _hasty(body.velocities)
         notes.append(body.summary())
         whole = VelocitySource(
             str(path), body.velocities, body, tuple(notes), vehicle, motion.states
         )
     else:
-        notes += _centre(motion)
+        notes += _hasty(motion) + _centre(motion)
         whole = VelocitySource(str(path), motion, notes=tuple(notes))
     return whole.limited(max_slip=max_slip, max_yaw_rate=max_yaw_rate)
 
@@ -199,6 +207,34 @@ def _centre(velocities: VelocitySeries) -> list[str]:
         f"the vehicle turns about a point {abs(x):.2f} m {'ahead of' if x > 0 else 'behind'} the"
         " origin of its body frame, by its sideways velocity: a camera's position counts from the"
         " origin, not from there"
+    ]
+
+
+def _large(vehicle: Vehicle) -> list[str]:
+    """Tell of wheels that stand far out."""
+    wheels = vehicle.positions
+    far = np.hypot(*wheels.T)
+    if far.max() <= LARGE:
+        return []
+    name = vehicle.names[int(np.argmax(far))]
+    return [f"wheel {name} is {far.max():.3g} m from the origin; are lengths in metres?"]
+
+
+def _hasty(velocities: VelocitySeries) -> list[str]:
+    """Tell of speeds that no vehicle on wheels has, or comes to so fast."""
+    speed, t = velocities.speed, velocities.t
+    usual = float(np.median(speed))
+    if usual > FAST:
+        return [f"its usual speed is {usual:.0f} m/s, {3.6 * usual:.0f} km/h: are speeds in m/s?"]
+    stretch = bins(t - t[0], BREATH)
+    _, first = np.unique(stretch, return_index=True)
+    mean = np.add.reduceat(speed, first) / np.diff(np.append(first, t.size))
+    change = np.abs(np.diff(mean))[np.diff(stretch[first]) == 1]
+    if not change.size or change.max() <= SPEEDING * BREATH:
+        return []
+    return [
+        f"its speed changes by up to {change.max():.3g} m/s within {BREATH:g} s, more than tyres"
+        " hold: are speeds in m/s, and times in s?"
     ]
 
 
