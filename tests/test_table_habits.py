@@ -128,8 +128,8 @@ def test_dates_have_no_unit(tmp_path):
     path.write_text("t,vx,vy\n2024-05-01 12:00:00.0,1,1\n2024-05-01 12:00:00.5,1,1\n")
     with pytest.raises(InputError, match="t holds dates, which have no unit"):
         read_velocities(path, time_unit="ms")
+    columns = {"t": {"column": "t", "unit": "ms"}, "vx": "vx", "vy": "vy"}
     with pytest.raises(InputError, match="t holds dates, which have no unit"):
-        columns = {"t": {"column": "t", "unit": "ms"}, "vx": "vx", "vy": "vy"}
         read_velocities(path, columns)
     np.testing.assert_allclose(np.diff(read_velocities(path).t), 0.5)
 
@@ -255,8 +255,10 @@ def test_counters_that_start_anew_are_mended_and_told(tmp_path, bits, signed):
     log, notes = read_counts(tmp_path, wrapped, columns)
     np.testing.assert_allclose(log.states.speed, WHOLE, atol=0.06 if bits == 8 else 0.002)
     assert sum(f"starts anew after {size}, " in note for note in notes) >= 1
-    told = {n: e | {"wrap": size} if n.startswith("speed") else e for n, e in columns.items()
-            if isinstance(e, dict)} | {n: e for n, e in columns.items() if not isinstance(e, dict)}  # fmt: skip
+    told = {
+        name: entry | {"wrap": size} if name.startswith("speed") else entry
+        for name, entry in columns.items()
+    }
     again, notes = read_counts(tmp_path, wrapped, told)
     np.testing.assert_array_equal(again.states.speed, log.states.speed)
     assert not any("starts anew" in note for note in notes)

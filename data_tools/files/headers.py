@@ -23,6 +23,15 @@ _SPELLED = {
 }
 
 
+def parted(name: str) -> tuple[str, str]:
+    """Return a name without the unit in brackets behind it, and that unit as we write it."""
+    match = _UNIT.fullmatch(name.strip())
+    if match is None:
+        return name.strip(), ""
+    unit = (match[2] if match[2] is not None else match[3]).strip()
+    return match[1], _SPELLED.get(unit.lower(), unit)
+
+
 def our_names(
     header: list[str], ours: Collection[str], alias: Callable[[str], str] | None = None
 ) -> dict[str, tuple[int, str]]:
@@ -48,7 +57,7 @@ def our_names(
     exact = {name: (k, "") for k, name in enumerate(header) if name in ours}
     found: dict[str, tuple[int, str]] = {}
     for k, given in enumerate(header):
-        name, unit = _parted(given)
+        name, unit = parted(given)
         low = name.lower()
         ours_there = [own for own in ours if own.lower() == low and own not in exact]
         if not ours_there and alias is not None and alias(low) in ours and alias(low) not in exact:
@@ -63,12 +72,3 @@ def our_names(
                 )
             found[own] = (k, unit)
     return found | exact
-
-
-def _parted(name: str) -> tuple[str, str]:
-    """Return a name without the unit in brackets behind it, and that unit as we write it."""
-    match = _UNIT.fullmatch(name.strip())
-    if match is None:
-        return name.strip(), ""
-    unit = (match[2] if match[2] is not None else match[3]).strip()
-    return match[1], _SPELLED.get(unit.lower(), unit)

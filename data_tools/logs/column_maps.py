@@ -291,12 +291,11 @@ def converted(
             at_rows = np.unwrap(ours[name]) if name.startswith("steer_") else ours[name]
             ours[name] = (at_rows[1:] + at_rows[:-1]) / 2
             continue
-        if entry.count == "row":
-            change, good, more = column[1:], True, []
-        else:
+        change = column[1:]
+        if entry.count == "running":
             change, good, more = count_steps(name, column, t, entry.wrap)
-        whole &= good
-        notes += more
+            whole &= good
+            notes += more
         ours[name] = entry.factor * change / step + entry.offset
     return middle[whole], {name: column[whole] for name, column in ours.items()}, notes
 
