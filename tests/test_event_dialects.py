@@ -81,7 +81,10 @@ def test_dialects_are_read_alike(tmp_path, name, packed):
         (text([*rows(), "nan 3 4 1"]), "line 501: four numbers t x y p are needed: 'nan 3 4 1'"),
         (text(["t,x,y,p", *rows(separator=","), "nan,3,4,1"]), "nan"),
         (text(["t,x,y,p", *rows(separator=","), "1.5,nan,4,1"]), "nan"),
-        (text(["t,x,y,p", *rows(separator=","), "1.5,,4,1"]), "line 502, column 2: '' is no number"),
+        (
+            text(["t,x,y,p", *rows(separator=","), "1.5,,4,1"]),
+            "line 502, column 2: '' is no number",
+        ),
         (text([*rows(), "1.5 3 4"]), "line 501: four numbers"),
         (text(rows(p=P + 1)), "polarity must be 0 or 1"),
         (text(["1 2 3 4 5"]), "line 1: four numbers"),

@@ -4,7 +4,8 @@
 ``nav_msgs/Odometry``, are velocities of the body's origin, if they are in the body's frame: see
 `data_tools.logs.odometry_frames`.  ``sensor_msgs/JointState`` holds wheel states: positions of
 steering joints [rad] and velocities of drive joints [rad/s] (or positions, where the map says that
-they are counts), which a column map assigns to the wheels.  Times are those of the headers, not
+they are counts), which a column map assigns to the wheels.  Where there is none of these, or if it
+is named, ``/tf`` tells where the body was (`data_tools.logs.pose_velocities`).  Times are those of the headers, not
 those of arrival.
 """
 
@@ -22,6 +23,7 @@ from data_tools.bags import Bag, Topic, open_bag
 from data_tools.files.row_times import MAX_JUMP, advancing
 from data_tools.logs.column_maps import Columns, Entry, column_map, converted
 from data_tools.logs.odometry_frames import Twists, in_body
+from data_tools.logs.pose_velocities import TRANSFORMS, base_transforms, velocities_of_poses
 from data_tools.logs.wheel_logs import wanted_columns, wheel_log
 from evcalib.arrays import Floats, Integers
 from evcalib.errors import InputError
@@ -71,7 +73,8 @@ def read_bag_motion(
     path : path
         ROS 1 or ROS 2 bag.
     topic : str, optional
-        Its name; by default the only one of a type that fits.
+        Its name; by default the only one of a type that fits.  ``/tf:base_link`` names a frame of
+        a topic of transforms.
     vehicle : Swerve, Mecanum, Omni or Rolling, optional
         Needed for joints.
     columns : mapping or path, optional
@@ -92,7 +95,8 @@ def read_bag_motion(
         set, joints are not those of the map, or the frame of a twist is in doubt.
     """
     with open_bag(path) as bag:
-        chosen = bag.choose(TYPES, topic, "velocities, odometry or joints")
+        name, _, frame = (topic or "").partition(":")
+        chosen = _chosen(bag, name or None)
         if chosen.type == JOINTS:
             if vehicle is None or columns is None:
                 raise InputError(
@@ -105,6 +109,10 @@ def read_bag_motion(
             stamps, messages = _collected(bag, chosen, _joints(bag, chosen, entries))
         elif columns is not None:
             raise InputError(f"{path}: {chosen.name} ({chosen.type}) takes no column map")
+        elif chosen.type in TRANSFORMS:
+            entries = {}
+            found = base_transforms(bag, chosen, frame or None)
+            stamps, messages = _collected(bag, chosen, found)
         else:
             entries = {}
             stamps, messages = _collected(bag, chosen, _twists(bag, chosen))
@@ -128,11 +136,24 @@ def read_bag_motion(
             t, values, counted = converted(t, values, entries)
             log = wheel_log(t, values, entries, vehicle, lambda k: f"t = {t[k]:.3f} s")
             return BagStream(log, (*notes, *joined, *counted))
+        if chosen.type in TRANSFORMS:
+            series = velocities_of_poses(t, np.array([pose for _, pose in messages]))
+            told = f"velocities are those of {messages[0][0]}, from its poses"
+            return BagStream(series, (*notes, told))
         twists, nans = _one_frame(t, messages)
         v, yaw_rate, more = in_body(twists, twist_frame)
         return BagStream(VelocitySeries(twists.t, v, yaw_rate), (*notes, *nans, *more))
     except InputError as error:
         raise InputError(f"{where}: {error}") from None
+
+
+def _chosen(bag: Bag, name: str | None) -> Topic:
+    """Return the topic that is named or the only one that fits; transforms where nothing else does."""
+    moving = [t for t in bag.topics if t.type in TRANSFORMS and not t.name.endswith("_static")]
+    if name is None and len(moving) == 1 and not any(t.type in TYPES for t in bag.topics):
+        return moving[0]
+    types = TYPES if name is None else (*TYPES, *TRANSFORMS)
+    return bag.choose(types, name, "velocities, odometry or joints")
 
 
 def _twists(bag: Bag, topic: Topic) -> Iterator[tuple[Any, list[Any]]]:
@@ -243,7 +264,7 @@ def _joined(t: Floats, messages: list[list[float]]) -> tuple[Floats, Floats, lis
 
 
 def _collected(
-    bag: Bag, topic: Topic, messages: Iterator[tuple[Any, list[Any]]]
+    bag: Bag, topic: Topic, messages: Iterator[tuple[Any, Any]]
 ) -> tuple[Integers, list[Any]]:
     stamps, rows = [], []
     with bag.reading(topic):

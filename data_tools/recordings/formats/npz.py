@@ -103,9 +103,7 @@ def _open_table(
     """Open an archive of one array of events; `options.stream` says which of several."""
     name = options.stream if options.stream in tables else next(iter(tables))
     if len(tables) > 1 and name != options.stream:
-        raise InputError(
-            f"{path} has events in {', '.join(tables)}: say which, stream (--stream)"
-        )
+        raise InputError(f"{path} has events in {', '.join(tables)}: say which, stream (--stream)")
     head = tables[name]
     order: dict[str, Any]
     notes: tuple[str, ...] = ()
