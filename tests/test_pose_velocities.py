@@ -74,7 +74,7 @@ def test_poses_that_are_none_are_refused():
     bad[7, 6] = 5
     with pytest.raises(InputError, match="pose 7 has no position, or no quaternion of length 1"):
         velocities_of_poses(SECONDS, bad)
-    with pytest.raises(InputError, match="no two poses are within 0.5 s"):
+    with pytest.raises(InputError, match=r"no two poses are within 0\.5 s"):
         velocities_of_poses(100 * SECONDS, poses(SECONDS))
 
 

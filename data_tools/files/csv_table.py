@@ -42,7 +42,7 @@ _OTHERS = {
     b"\x89HDF": "is an HDF5 file: write the columns as CSV",
     b"ULog": "is a PX4 log: write its topic as CSV (ulog2csv)",
     b"MATLAB": "is a MATLAB file: write the columns as CSV (writetable)",
-    b"WPILOG": "is a WPILib log, whose modules need a vehicle (--vehicle)",
+    b"WPILOG": "is a WPILib log: --wheels and --velocities read one",
 }
 """What other files are, by their first bytes, and what to do."""
 _NAMES = {",": "commas", ";": "semicolons", "\t": "tabs", " ": "spaces"}

@@ -5,13 +5,14 @@
 `data_tools.logs.odometry_frames`.  ``sensor_msgs/JointState`` holds wheel states: positions of
 steering joints [rad] and velocities of drive joints [rad/s] (or positions, where the map says that
 they are counts), which a column map assigns to the wheels.  Where there is none of these, or if it
-is named, ``/tf`` tells where the body was (`data_tools.logs.pose_velocities`).  Times are those of the headers, not
-those of arrival.
+is named, ``/tf`` tells where the body was (`data_tools.logs.pose_velocities`).  Times are those of
+the headers, not those of arrival.
 """
 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -38,6 +39,7 @@ _TWIST: dict[str, Callable[[Any], Any]] = {
     ODOMETRY: lambda message: message.twist.twist,
 }
 TYPES = (*_TWIST, JOINTS)
+_COMMANDS = re.compile(r"cmd|command|set_?point|desired|target|goal|reference", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
@@ -128,6 +130,7 @@ def read_bag_motion(
     t = (stamps[keep] - origin_us * 1000) / 1e9
     messages = [message for message, kept in zip(messages, keep, strict=True) if kept]
     notes = [f"topic {chosen.name} ({chosen.type}), {t.size} messages", *late]
+    notes += commanded(chosen.name)
     notes += [f"{count} {reason}" for reason, count in losses.items() if count]
     try:
         if vehicle is not None and entries:
@@ -147,8 +150,18 @@ def read_bag_motion(
         raise InputError(f"{where}: {error}") from None
 
 
+def commanded(name: str) -> list[str]:
+    """Tell of a topic that, by its name, says what was wanted, not what was."""
+    if not _COMMANDS.search(name):
+        return []
+    return [
+        f"{name} tells what was commanded, by its name: a vehicle follows late and not wholly, an"
+        " error of the offset; take what was measured"
+    ]
+
+
 def _chosen(bag: Bag, name: str | None) -> Topic:
-    """Return the topic that is named or the only one that fits; transforms where nothing else does."""
+    """Return the topic that is named or the only one that fits, transforms last."""
     moving = [t for t in bag.topics if t.type in TRANSFORMS and not t.name.endswith("_static")]
     if name is None and len(moving) == 1 and not any(t.type in TYPES for t in bag.topics):
         return moving[0]

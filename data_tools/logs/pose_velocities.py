@@ -27,7 +27,7 @@ LONGEST = 0.5
 def base_transforms(
     bag: Bag, topic: Topic, child: str | None
 ) -> Iterator[tuple[Any, tuple[str, list[float]]]]:
-    """Yield stamp, name and pose (x, y, z, qx, qy, qz, qw) of the frame that moves in the ground's.
+    """Yield stamp, name and pose (x, y, z, qx, qy, qz, qw) of the frame that moves.
 
     Parameters
     ----------
@@ -47,7 +47,9 @@ def base_transforms(
         for one in bag.decode(topic, raw).transforms:
             parent, name = one.header.frame_id.strip("/"), one.child_frame_id.strip("/")
             others.add(name)
-            if (child is not None and name == child.strip("/")) or (child is None and stands(parent) and not stands(name)):
+            if (child is not None and name == child.strip("/")) or (
+                child is None and stands(parent) and not stands(name)
+            ):
                 bases[name] = parent
             else:
                 continue

@@ -212,7 +212,7 @@ def _checked(
     if missing:
         raise InputError(
             f"{table.path} lacks the column(s) {', '.join(missing)}; it has"
-            f" {', '.join((*table.columns, *table.foreign))}; columns are {', '.join(needed)}, and optionally"
-            f" {', '.join(optional)}"
+            f" {', '.join((*table.columns, *table.foreign))}; columns are {', '.join(needed)}, and"
+            f" optionally {', '.join(optional)}"
         )
     return only_ours(table, needed + optional) if named else table

@@ -9,11 +9,13 @@ import numpy as np
 
 from data_tools.bags import MAGIC, is_bag
 from data_tools.files.pipes import refuse_pipe
+from data_tools.files.wpilog import is_wpilog
 from data_tools.logs.bag_velocities import read_bag_motion
 from data_tools.logs.column_maps import Columns
 from data_tools.logs.series_files import read_velocities
 from data_tools.logs.vehicle_files import read_vehicle
 from data_tools.logs.wheel_logs import read_wheel_log
+from data_tools.logs.wpilog_motion import read_wpilog_motion
 from evcalib import checks
 from evcalib.arrays import Floats
 from evcalib.checks import whole_us
@@ -111,9 +113,10 @@ def read_body_velocities(
     ----------
     path : path
         A CSV file of velocities (``t,vx,vy``, see `data_tools.logs.series_files`); or, with
-        `vehicle`, one of wheel states (see `data_tools.logs.wheel_logs`); or a ROS 1 or ROS 2 bag.
+        `vehicle`, one of wheel states (see `data_tools.logs.wheel_logs`); or a ROS 1 or ROS 2 bag;
+        or a WPILib log (`data_tools.logs.wpilog_motion`).
     topic : str, optional
-        Topic of a bag; by default the only one that fits.
+        Topic of a bag, or entry of a log; by default the only one that fits.
     vehicle : Swerve, Mecanum, Omni, Rolling or path, optional
         The vehicle, or its YAML file; turns wheel states into velocities.
     columns : mapping or path, optional
@@ -150,8 +153,17 @@ def read_body_velocities(
     notes: list[str] = []
     if not np.isfinite(clock_shift):
         raise InputError(f"clock_shift must be a finite number of seconds, not {clock_shift!r}")
-    bag = is_bag(path, _head(path))
-    if bag:
+    head = _head(path)
+    bag = is_bag(path, head)
+    if is_wpilog(head):
+        if twist_frame is not None or time_unit is not None or wheel_radius is not None:
+            raise InputError(
+                f"{path} is a WPILib log, in us, m/s and rad: it takes no time unit, twist frame or"
+                " wheel radius"
+            )
+        stream = read_wpilog_motion(path, topic=topic, vehicle=vehicle, columns=columns)
+        motion, notes = stream.motion, list(stream.notes)
+    elif bag:
         stream = read_bag_motion(
             path,
             topic=topic,
