@@ -199,7 +199,7 @@ def test_damage_is_refused_with_its_place(write):
         read_wpilog(write(content + record(99, 6_000_000_000, b"x")), (STATE,))
     broken = start(9, "s", STATE)
     with pytest.raises(InputError, match="damaged in the record at byte"):
-        read_wpilog(write(content + broken[:7] + b"\xff" + broken[8:]), (STATE,))
+        read_wpilog(write(content + broken[:9] + b"\xff" + broken[10:]), (STATE,))
     with pytest.raises(InputError, match="no WPILib log of version 1"):
         read_wpilog(write(content[:7] + b"\x02" + content[8:]), (STATE,))
 
