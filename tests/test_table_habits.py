@@ -191,6 +191,9 @@ def test_gzip_is_read_and_one_that_was_cut_is_refused(tmp_path, kind):
     path.write_bytes(packed[:40] + b"\xff" * 20 + packed[60:])
     with pytest.raises(InputError, match="is damaged"):
         read(kind, path)
+    path.write_bytes(gzip.compress(b"\n" * (1 << 26)))
+    with pytest.raises(InputError, match="made to fill the memory"):
+        read(kind, path)
 
 
 @pytest.mark.parametrize(

@@ -222,9 +222,11 @@ def test_the_logs_of_these_tests_are_read_by_the_library_of_wpilib(write):
     """Which reads, and has no writer in Python."""
     wpilog = pytest.importorskip("wpiutil.log", reason="needs robotpy-wpiutil")
     path = write(log([OTHER, ("/drive/measured", STATE, STATES)], first=300))
-    records = list(wpilog.DataLogReader(str(path)))
-    started = {r.getStartData().entry: r.getStartData() for r in records if r.isStart()}
-    (number,) = (n for n, told in started.items() if told.name == "/drive/measured")
-    assert started[number].type == STATE
-    found = [(r.getTimestamp(), bytes(r.getRaw())) for r in records if r.getEntry() == number]
+    started, found = {}, []
+    for one in wpilog.DataLogReader(str(path)):  # a record lives as long as the loop is at it
+        if one.isStart():
+            told = one.getStartData()
+            started[told.entry] = (told.name, told.type)
+        elif not one.isControl() and started[one.getEntry()] == ("/drive/measured", STATE):
+            found.append((one.getTimestamp(), bytes(one.getRaw())))
     assert found == STATES

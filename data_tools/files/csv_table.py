@@ -24,6 +24,7 @@ from data_tools.files.dates import seconds_of
 from data_tools.files.headers import our_names
 from data_tools.files.row_times import advancing, unwrapped
 from data_tools.files.text import check_end
+from data_tools.files.unpack import check_ratio
 from evcalib.arrays import Flags, Floats, Integers
 from evcalib.errors import InputError
 
@@ -416,15 +417,19 @@ def _decoded(path: str | Path) -> tuple[str, list[str]]:
 
 def _unzipped(path: str | Path, data: bytes) -> bytes:
     unzip = zlib.decompressobj(wbits=31)
+    text, packed = bytearray(), len(data)
     try:
-        text = unzip.decompress(data, LARGEST + 1)
-    except zlib.error as error:
+        while len(text) <= LARGEST and (part := unzip.decompress(data, 1 << 20)):
+            text += part
+            check_ratio(len(text), packed)
+            data = unzip.unconsumed_tail
+    except (zlib.error, InputError) as error:
         raise InputError(f"{path} is damaged: {error}") from None
     if len(text) > LARGEST:
         raise InputError(f"{path} holds over {LARGEST} bytes, too long for a table; cut it")
     if not unzip.eof:
         raise InputError(f"{path} is cut off: its gzip stream has no end; fetch it again")
-    return text
+    return bytes(text)
 
 
 def _separator(line: str) -> str:

@@ -101,7 +101,8 @@ def velocities_of_poses(t: Floats, poses: Floats) -> VelocitySeries:
     first = np.flatnonzero(last < t.size)
     last = last[first]
     step = t[last] - t[first]
-    first, last, step = (each[step <= LONGEST] for each in (first, last, step))
+    near = step <= LONGEST
+    first, last, step = first[near], last[near], step[near]
     if first.size < 2:
         raise InputError(f"no two poses are within {LONGEST:g} s of each other")
     R = Rotation.from_quat(poses[:, 3:])

@@ -123,6 +123,7 @@ def open_table(path: Path, options: Options, name: str, order: str | None = None
                 rows = _parse(block, line, places, head, dtype, path)
                 yield convert(*(rows[key] for key in "xytp"))
 
+    notes: tuple[str, ...]
     notes = (f"there is no header: the columns were taken as {' '.join(order)}",) if order else ()
     if order and head.sides:
         notes += (f"the first line, {head.sides}, was taken for the size of the sensor",)

@@ -90,9 +90,12 @@ def _tables(archive: zipfile.ZipFile) -> dict[str, ArrayHead]:
             head = array_head(archive, name)
         except InputError:
             continue
-        named = head.dtype.names is not None and len(head.shape) == 1
-        rows = head.dtype.names is None and len(head.shape) == 2 and head.shape[1] == 4
-        if (named and find_columns(head.dtype.names)) or (rows and not head.fortran):
+        fields = head.dtype.names
+        if fields is not None:
+            fits = len(head.shape) == 1 and find_columns(fields) is not None
+        else:
+            fits = len(head.shape) == 2 and head.shape[1] == 4 and not head.fortran
+        if fits:
             found[name] = head
     return found
 
