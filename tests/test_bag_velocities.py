@@ -238,3 +238,11 @@ def test_one_strange_stamp_and_one_twist_without_numbers_are_left_out(tmp_path):
     np.testing.assert_allclose(source.velocities.t, seconds(kept), atol=1e-9)
     assert source.notes[1].startswith("2 rows whose time is not between those of their neighbours")
     assert source.notes[2] == "1 messages whose twist is no finite number were left out"
+
+
+@pytest.mark.parametrize(("name", "told"), [("/cmd_vel", True), ("/odom/twist", False)])
+def test_a_topic_of_commands_is_told(tmp_path, name, told):
+    make = Maker("sqlite3")
+    rows = [(t, make.twist_stamped(t, (1.0, 0.0, 0.0), 0.0)) for t in TIMES]
+    notes = read_body_velocities(make.write(tmp_path, [(name, rows)])).notes
+    assert any("tells what was commanded, by its name" in note for note in notes) == told

@@ -81,7 +81,10 @@ def test_dialects_are_read_alike(tmp_path, name, packed):
         (text([*rows(), "nan 3 4 1"]), "line 501: four numbers t x y p are needed: 'nan 3 4 1'"),
         (text(["t,x,y,p", *rows(separator=","), "nan,3,4,1"]), "nan"),
         (text(["t,x,y,p", *rows(separator=","), "1.5,nan,4,1"]), "nan"),
-        (text(["t,x,y,p", *rows(separator=","), "1.5,,4,1"]), "after line 1"),
+        (
+            text(["t,x,y,p", *rows(separator=","), "1.5,,4,1"]),
+            "line 502, column 2: '' is no number",
+        ),
         (text([*rows(), "1.5 3 4"]), "line 501: four numbers"),
         (text(rows(p=P + 1)), "polarity must be 0 or 1"),
         (text(["1 2 3 4 5"]), "line 1: four numbers"),
@@ -118,3 +121,64 @@ def test_what_convert_wrote_is_read_back_as_it_is(tmp_path, end):
     assert [piece.t.tolist() for piece in again] == [T.tolist()]
     with pytest.raises(InputError, match="640x480 px, not of 240x180"):
         open_recording(tmp_path / f"c.{end}", size=(240, 180))
+
+
+HABITS = {
+    "size first": (text(["640 480", *rows()]), {}, "640 480, was taken for the size"),
+    "size first, commas": (text(["# e2vid", "640,480", *rows(separator=",")]), {}, "640,480, was"),
+    "Metavision": (text(["%geometry:640,480", *rows("xypt", ",", t=T)]), {}, "taken as x y p t"),
+    "Metavision with %": (
+        text(["%camera 3", "%geometry: 640x480", "% end", *rows("xypt", ",", t=T)]),
+        {},
+        "taken as x y p t",
+    ),
+    "slashes": (text(["// t x y p", *rows()]), {"size": SIZE}, "taken as t x y p"),
+    "words": (
+        text(["t,x,y,on", *rows(separator=",", p=np.where(P, "True", "False"))]),
+        {"size": SIZE},
+        "",
+    ),
+    "on and off": (
+        text(["t;x;y;p", *rows(separator=";", p=np.where(P, "ON", "off"))]),
+        {"size": SIZE},
+        "",
+    ),
+    "units": (text(["t [us],x [px],y (px),p", *rows(separator=",", t=T)]), {"size": SIZE}, ""),
+    "faery": (
+        text(["t,x,y,on", *rows(separator=",", t=T)]),
+        {"size": SIZE, "time_unit": "us"},
+        "",
+    ),
+    "v2e": (
+        text(["#!events.txt", "# Format is time (s), x, y, polarity (0=off, 1=on)", *rows()]),
+        {"size": SIZE},
+        "taken as t x y p",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", HABITS)
+def test_heads_and_words_of_other_programs(tmp_path, name):
+    content, options, told = HABITS[name]
+    (tmp_path / "e").write_bytes(content)
+    recording = open_recording(tmp_path / "e", **options)
+    assert (recording.width, recording.height) == SIZE
+    pieces = list(recording)
+    for key, wanted in zip("xytp", (X, Y, T, P == 1), strict=True):
+        found = np.concatenate([getattr(piece, key) for piece in pieces])
+        np.testing.assert_array_equal(found, wanted)
+    assert any(told in note for note in recording.notes) or not told
+
+
+def test_a_size_that_a_text_tells_is_not_contradicted(tmp_path):
+    (tmp_path / "e").write_bytes(HABITS["Metavision"][0])
+    with pytest.raises(InputError, match="of a sensor of 640x480 px, not of 346x260"):
+        open_recording(tmp_path / "e", size=(346, 260))
+    with pytest.raises(InputError, match="its times are in us, as it says itself, not in ms"):
+        open_recording(tmp_path / "e", time_unit="ms")
+
+
+def test_words_that_are_no_numbers_are_named_with_their_place(tmp_path):
+    (tmp_path / "e").write_bytes(text(["t,x,y,p", *rows(separator=",")[:3], "0.5,12,high,1"]))
+    with pytest.raises(InputError, match=r"line 5, column 3: 'high' is no number"):
+        list(open_recording(tmp_path / "e", size=SIZE))

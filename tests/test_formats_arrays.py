@@ -1,5 +1,6 @@
 """Arrays of other programs: .npy, .mat of both kinds, HDF5 tables; columns in whatever order."""
 
+import io
 import itertools
 import zlib
 
@@ -18,6 +19,15 @@ FILES = {
     f"npy-{kind}": (lambda kind=kind: seeds.npy(kind), ".npy")
     for kind in ("structured", "rows", "columns", "transposed")
 }
+
+
+def npz(kind, **more):
+    content = io.BytesIO()
+    np.savez_compressed(content, events=np.load(io.BytesIO(seeds.npy(kind))), **more)
+    return content.getvalue()
+
+
+FILES |= {f"npz-{kind}": (lambda kind=kind: npz(kind), ".npz") for kind in ("structured", "rows")}
 FILES |= {
     f"mat-{kind}-{packed}": (lambda kind=kind, packed=packed: seeds.mat(kind, packed), ".mat")
     for kind in ("fields", "variables", "table")
@@ -53,6 +63,19 @@ def test_the_events_that_were_written_are_read(write, name):
     assert any("count pixels from 1" in note for note in notes) == ("mat" in name)
     with pytest.raises(InputError, match="does not tell the sensor size"):
         open_recording(path)
+
+
+def test_archives_of_several_arrays_of_events_are_asked_about(write):
+    other = np.load(io.BytesIO(seeds.npy("rows")))[:10]
+    path = write(npz("structured", other=other, width=SIZE[0], height=SIZE[1]), ".npz")
+    with pytest.raises(InputError, match=r"has events in events, other: say which, stream"):
+        open_recording(path)
+    (x, *_), _ = read_events(path, stream="events")
+    np.testing.assert_array_equal(x, seeds.columns()[0])
+    content = io.BytesIO()
+    np.savez(content, events=np.asfortranarray(np.zeros((9, 4))), one=np.array({}, dtype=object))
+    with pytest.raises(InputError, match="in no format that is known"):
+        open_recording(write(content.getvalue(), ".npz"), size=SIZE)
 
 
 @pytest.mark.parametrize("order", list(itertools.permutations("xytp")))

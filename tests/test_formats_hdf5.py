@@ -106,7 +106,7 @@ def test_a_table_that_is_only_called_events_is_not_of_mvsec(path):
 
 def test_seconds_in_columns_need_their_unit(path):
     write_dsec(path, t=np.array(T) / 1e6)
-    with pytest.raises(InputError, match="times are float64; say their unit"):
+    with pytest.raises(InputError, match="times are fractions; say their unit"):
         open_recording(path, size=(640, 480))
     assert read(path, size=(640, 480), time_unit="s")[1] == [X, Y, T, P]
 

@@ -143,9 +143,9 @@ def test_any_order_of_columns_gives_the_same_events(tmp_path_factory, order, n, 
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("x,y,t,p\n0,0,10,1\n", "times are int64; say their unit"),
+        ("x,y,t,p\n0,0,10,1\n", "times are whole numbers; say their unit"),
         ("x,y,t,p\n0,0,0.1,1\n0,0,0.2\n", "after line 1: .*3.* column"),
-        ("x,y,t,p\n0,0,0.1,1\n0,a,0.2,1\n", "after line 1: .*'a'"),
+        ("x,y,t,p\n0,0,0.1,1\n0,a,0.2,1\n", "line 3, column 2: 'a' is no number"),
         ("x,y,t,p\n0,0,0.1,1\n0,0,nan,1\n", "not a usable time"),
         ("x,y,t,p\n0,0,0.1,7\n", "event 0 has polarity 7"),
         ("x,y,t,p\n", "holds no events"),

@@ -80,7 +80,7 @@ def replaced(old, new):
             "line 4: its time is 0.600 s before that of the row before: the clock was set",
         ),
         (replaced("t,speed_a", "t,t"), "names the column t twice"),
-        (replaced("t,speed_a", "time,speed_a"), "lacks the column(s) t; columns must be t,"),
+        (replaced("t,speed_a", "when,speed_a"), "lacks the column(s) t; columns must be t,"),
         (
             replaced("t,speed_a", "t,v_a"),
             "lacks the column(s) speed_a: nothing to say how wheel(s) a",

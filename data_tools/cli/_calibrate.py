@@ -28,7 +28,9 @@ Vehicle = Annotated[Path | None, typer.Option(help="Vehicle file (YAML).")]
 Columns = Annotated[
     Path | None, typer.Option(help="Column map of the wheel log or velocities (YAML).")
 ]
-Topic = Annotated[str | None, typer.Option(help="Topic of the bag that tells the motion.")]
+Topic = Annotated[
+    str | None, typer.Option(help="Topic of the bag, or entry of the log, that tells the motion.")
+]
 WheelRadius = Annotated[
     float | None, typer.Option(help="Wheel radius in metres, for wheels given in rad/s.")
 ]
@@ -66,10 +68,12 @@ def calibrate(
     recording: Annotated[Path, typer.Argument(help="Events, in any format that is known.")],
     camera: Camera,
     output: Annotated[Path, typer.Option("-o", "--output", help="Folder for the results.")],
-    wheels: Annotated[Path | None, typer.Option(help="Wheel log (CSV or ROS bag).")] = None,
+    wheels: Annotated[
+        Path | None, typer.Option(help="Wheel log (CSV, ROS bag or .wpilog).")
+    ] = None,
     vehicle: Vehicle = None,
     velocities: Annotated[
-        Path | None, typer.Option(help="Velocities (CSV or ROS bag), in place of wheels.")
+        Path | None, typer.Option(help="Velocities (CSV, ROS bag or .wpilog), in place of wheels.")
     ] = None,
     max_offset: common.MaxOffset = 1.0,
     size: common.Size = None,
@@ -210,7 +214,9 @@ def headings(
 
 @app.command()
 def velocities(
-    wheels: Annotated[Path, typer.Argument(help="Wheel log (CSV or ROS bag).", metavar="WHEELS")],
+    wheels: Annotated[
+        Path, typer.Argument(help="Wheel log (CSV, ROS bag or .wpilog).", metavar="WHEELS")
+    ],
     output: Annotated[Path, typer.Option("-o", "--output", help="Velocities to write (CSV).")],
     vehicle: Vehicle = None,
     max_slip: Annotated[

@@ -2,24 +2,29 @@
 
 Columns are separated by commas, semicolons, tabs or spaces (the first line tells, or a line
 ``sep=;`` before it); numbers may have decimal commas, where these separate nothing.  Lines that
-begin with ``#``, ``%`` or ``//`` are comments.  UTF-8, UTF-16 and Latin-1; any end of line.  What
-was done about oddities is told in `Table.notes`.
+begin with ``#``, ``%`` or ``//`` are comments.  UTF-8, UTF-16 and Latin-1; any end of line; gzip.
+Dates and times of day (ISO 8601) become seconds.  What was done about oddities is told in
+`Table.notes`.
 """
 
 from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass, replace
+import zlib
+from collections.abc import Callable, Collection, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from data_tools.files.row_times import advancing
+from data_tools.files.dates import seconds_of
+from data_tools.files.headers import our_names
+from data_tools.files.row_times import advancing, unwrapped
 from data_tools.files.text import check_end
+from data_tools.files.unpack import check_ratio
 from evcalib.arrays import Flags, Floats, Integers
 from evcalib.errors import InputError
 
@@ -31,6 +36,16 @@ _SEP_LINE = re.compile(r'"?sep=(.)"?\s*', re.IGNORECASE)
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(e[+-]?\d+)?", re.IGNORECASE)
 _NOT_TEXT = re.compile(r"[\x00-\x08\x0b\x0e-\x19\x1b-\x1f]")
 _MISSING = {"nan", "null", "none", "na", "n/a"}
+_OTHERS = {
+    b"PK\x03\x04": "is a zip file, or a workbook (.xlsx, .ods): save its sheet as CSV",
+    b"\xd0\xcf\x11\xe0": "is an Excel workbook (.xls): save its sheet as CSV",
+    b"PAR1": "is a Parquet file: write it as CSV (pandas.read_parquet, to_csv)",
+    b"\x89HDF": "is an HDF5 file: write the columns as CSV",
+    b"ULog": "is a PX4 log: write its topic as CSV (ulog2csv)",
+    b"MATLAB": "is a MATLAB file: write the columns as CSV (writetable)",
+    b"WPILOG": "is a WPILib log: --wheels and --velocities read one",
+}
+"""What other files are, by their first bytes, and what to do."""
 _NAMES = {",": "commas", ";": "semicolons", "\t": "tabs", " ": "spaces"}
 
 
@@ -48,12 +63,18 @@ class Table:
         Line of the file (the first is line 1) of each row.
     notes : tuple of str
         What was taken for granted, held or left out.
+    foreign : tuple of str
+        Columns that were passed over, whatever they hold.
+    units : dict of str to str
+        Units that stand in the header, and ``"date"`` where dates became seconds.
     """
 
     path: str
     columns: dict[str, Floats]
     line: Integers
     notes: tuple[str, ...] = ()
+    foreign: tuple[str, ...] = ()
+    units: dict[str, str] = field(default_factory=dict)
 
     def where(self, bad: Flags) -> str:
         """Return ``"FILE line LINE"`` of the first bad row."""
@@ -62,13 +83,15 @@ class Table:
     def rows(self, keep: Flags, *notes: str) -> Table:
         """Return a part of the rows, with further notes."""
         columns = {name: values[keep] for name, values in self.columns.items()}
-        return Table(self.path, columns, self.line[keep], (*self.notes, *notes))
+        return replace(self, columns=columns, line=self.line[keep], notes=(*self.notes, *notes))
 
 
 def read_table(
     path: str | Path,
     only: Collection[str | int] | None = None,
     *,
+    ours: Collection[str] = (),
+    alias: Callable[[str], str] | None = None,
     names: Mapping[int, tuple[str, ...]] | None = None,
     hold: bool = False,
 ) -> Table:
@@ -81,6 +104,11 @@ def read_table(
     only : collection of str or int, optional
         Columns to read, by name or by number (the first is 1; they are then called ``"1"``); the
         others are passed over, whatever they hold.
+    ours : collection of str
+        In place of `only`: names that the reader knows, however they are spelt (see
+        `data_tools.files.headers`); other columns are passed over, and told in `Table.foreign`.
+    alias : callable, optional
+        Returns our name of a column of another name.
     names : mapping of int to tuple of str, optional
         What the columns of a file without a header are, by how many there are.
     hold : bool
@@ -96,7 +124,6 @@ def read_table(
     """
     cells = _read_cells(path)
     header, notes = cells.header, list(cells.notes)
-    numbers = [str(k + 1) for k in range(cells.width)]
     if header is None:
         if only is None:
             header = list((names or {}).get(cells.width, ()))
@@ -115,26 +142,60 @@ def read_table(
             notes.append(f"no header: columns are taken to be {', '.join(header)}")
         else:
             header = [""] * cells.width
-    places: dict[str, int] = {}
-    for k, (name, number) in enumerate(zip(header, numbers, strict=True)):
-        wanted = [name] if only is None or name in only else []
-        wanted += [number] if only is not None and int(number) in only else []
-        for one in filter(None, wanted):
-            if one in places:
-                raise InputError(f"{path} names the column {one} twice")
-            places[one] = k
-    if only is None and not all(header):
-        if not any(header):
-            raise InputError(f"{path} names no column")
-        if any(row[k].strip() for k, name in enumerate(header) if not name for row in cells.rows):
-            notes.append("columns without a name were passed over")
+    if only is None:
+        places, units = _known(path, cells, header, ours, alias, notes)
+    else:
+        places, units = _picked(path, header, only), {}
     if len(cells.rows) < 2:
         have = "no row" if not cells.rows else "one row"
         raise InputError(f"{path} has {have} below its header; at least two are needed")
     picked = [[row[k] for k in places.values()] for row in cells.rows]
-    values, keep = _values(path, cells, list(places), picked, hold, notes)
-    table = Table(str(path), dict(zip(places, values.T.copy(), strict=True)), cells.lines)
+    foreign = tuple(filter(None, (n for k, n in enumerate(header) if k not in places.values())))
+    values, keep, dates = _values(path, cells, list(places), picked, hold, notes)
+    columns = dict(zip(places, values.T.copy(), strict=True))
+    units |= dict.fromkeys(dates, "date")
+    table = Table(str(path), columns, cells.lines, (), foreign, units)
     return replace(table, notes=tuple(notes)) if keep.all() else table.rows(keep, *notes)
+
+
+def _known(
+    path: str | Path,
+    cells: _Cells,
+    header: list[str],
+    ours: Collection[str],
+    alias: Callable[[str], str] | None,
+    notes: list[str],
+) -> tuple[dict[str, int], dict[str, str]]:
+    """Return the places of the columns that the reader knows, and the units of their header."""
+    if not any(header):
+        raise InputError(f"{path} names no column")
+    twice = [name for name in header if name and header.count(name) > 1]
+    if twice:
+        raise InputError(f"{path} names the column {twice[0]} twice")
+    if any(row[k].strip() for k, name in enumerate(header) if not name for row in cells.rows):
+        notes.append("columns without a name were passed over")
+    try:
+        found = our_names(header, ours, alias)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+    places = {own: found[own][0] for own in ours if own in found}
+    renamed = [f"{header[k]} is {own}" for own, k in places.items() if header[k] != own]
+    if renamed:
+        notes.append(f"columns: {', '.join(renamed)}")
+    return places, {own: unit for own, (_, unit) in found.items() if unit}
+
+
+def _picked(path: str | Path, header: list[str], only: Collection[str | int]) -> dict[str, int]:
+    """Return the places of columns that are asked for by name or by number."""
+    places: dict[str, int] = {}
+    for k, name in enumerate(header):
+        wanted = [name] if name in only else []
+        wanted += [str(k + 1)] if k + 1 in only else []
+        for one in filter(None, wanted):
+            if one in places:
+                raise InputError(f"{path} names the column {one} twice")
+            places[one] = k
+    return places
 
 
 def read_columns(path: str | Path) -> dict[str, NDArray[Any]]:
@@ -186,10 +247,20 @@ def check_times(
             + "; are the times in seconds? say their unit (--time-unit; or, in a column map, t:"
             f" {{column: NAME, unit: {likely[0] if likely else 'ms'}}})"
         )
+    t, mended = unwrapped(t)
     keep, notes = advancing(
         t, lambda row: f"{table.path} line {table.line[row]}", max_jump=max_jump
     )
-    return table.rows(keep, *notes)
+    return replace(table, columns=table.columns | {column: t}).rows(keep, *mended, *notes)
+
+
+def in_our_units(table: Table) -> Table:
+    """Return a table whose header names no other units than ours (seconds and metres)."""
+    other = {name: unit for name, unit in table.units.items() if unit not in ("s", "m", "date")}
+    if other:
+        told = ", ".join(f"{name} in {unit}" for name, unit in other.items())
+        raise InputError(f"{table.path} has {told}, by its header: write times in s, lengths in m")
+    return table
 
 
 def write_table(path: str | Path, columns: dict[str, Floats]) -> None:
@@ -316,6 +387,11 @@ def _decoded(path: str | Path) -> tuple[str, list[str]]:
         raise InputError(f"cannot read {path}: {error.strerror or error}") from None
     if len(data) > LARGEST:
         raise InputError(f"{path} is over {LARGEST} bytes, too long for a table; cut it")
+    if data[:2] == b"\x1f\x8b":
+        data = _unzipped(path, data)
+    for magic, what in _OTHERS.items():
+        if data.startswith(magic):
+            raise InputError(f"{path} {what}")
     notes = []
     zeros = data[:200].count(0), data[1:200:2].count(0)
     wide = data[:2] in (b"\xff\xfe", b"\xfe\xff")
@@ -334,7 +410,26 @@ def _decoded(path: str | Path) -> tuple[str, list[str]]:
     text = text.rstrip("\x1a")
     if _NOT_TEXT.search(text):
         raise InputError(f"{path} is not a CSV text file")
+    if text.lstrip()[:1] in ("{", "["):
+        raise InputError(f"{path} holds JSON: write it as CSV (pandas.read_json, to_csv)")
     return text, notes
+
+
+def _unzipped(path: str | Path, data: bytes) -> bytes:
+    unzip = zlib.decompressobj(wbits=31)
+    text, packed = bytearray(), len(data)
+    try:
+        while len(text) <= LARGEST and (part := unzip.decompress(data, 1 << 20)):
+            text += part
+            check_ratio(len(text), packed)
+            data = unzip.unconsumed_tail
+    except (zlib.error, InputError) as error:
+        raise InputError(f"{path} is damaged: {error}") from None
+    if len(text) > LARGEST:
+        raise InputError(f"{path} holds over {LARGEST} bytes, too long for a table; cut it")
+    if not unzip.eof:
+        raise InputError(f"{path} is cut off: its gzip stream has no end; fetch it again")
+    return bytes(text)
 
 
 def _separator(line: str) -> str:
@@ -367,15 +462,17 @@ def _values(
     rows: list[list[str]],
     hold: bool,
     notes: list[str],
-) -> tuple[Floats, Flags]:
-    """Return numbers, and which rows have all of them."""
+) -> tuple[Floats, Flags, list[str]]:
+    """Return numbers, which rows have all of them, and the columns that held dates."""
+    dates: list[str] = []
     try:
         values = np.array(rows, dtype=np.float64)
     except ValueError:
+        rows, dates = _without_dates(names, rows, notes)
         values = np.array(_with_decimal_points(path, cells, rows, notes))
     bad = ~np.isfinite(values)
     if not bad.any():
-        return values, np.ones(len(rows), dtype=bool)
+        return values, np.ones(len(rows), dtype=bool), dates
     empty = np.zeros_like(bad)
     for row, column in np.argwhere(bad):
         cell = rows[row][column].strip()
@@ -383,7 +480,7 @@ def _values(
         if cell and cell.lower() not in _MISSING:
             raise InputError(
                 f"{path} line {cells.lines[row]}: {names[column]} is {cell!r}, not a finite"
-                " number; correct or remove this row"
+                f" number; {_remedy([cells[column] for cells in rows])}"
             )
     if hold and empty.any():
         last = np.maximum.accumulate(np.where(~empty, np.arange(len(rows))[:, None], -1), axis=0)
@@ -401,7 +498,34 @@ def _values(
             f"{path}: only {int(keep.sum())} of {keep.size} rows have a number in each of"
             f" {', '.join(names)}; two at least are needed"
         )
-    return values, keep
+    return values, keep, dates
+
+
+def _without_dates(
+    names: list[str], rows: list[list[str]], notes: list[str]
+) -> tuple[list[list[str]], list[str]]:
+    """Return rows in which dates are seconds, and the names of their columns."""
+    dates = []
+    rows = [list(row) for row in rows]
+    for k, name in enumerate(names):
+        if _is_number(rows[0][k]) or (found := seconds_of([row[k] for row in rows])) is None:
+            continue
+        seconds, since = found
+        for row, value in zip(rows, seconds.tolist(), strict=True):
+            row[k] = repr(value)
+        dates.append(name)
+        notes.append(f"{name} holds times in words, which were read as seconds {since}")
+    return rows, dates
+
+
+def _remedy(column: list[str]) -> str:
+    """Return what to do about a cell that is no number, by what else its column holds."""
+    if not any(map(_is_number, column)):
+        return (
+            "nor is any other value of that column: it takes numbers, and for times also dates as"
+            " in 2024-05-01T12:00:00.25"
+        )
+    return "correct or remove this row"
 
 
 def _with_decimal_points(

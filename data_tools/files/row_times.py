@@ -16,6 +16,11 @@ from evcalib.errors import InputError
 
 MAX_JUMP = 60.0
 """A step above this [s] is taken for a clock that was set.  A choice: longer than drives pause."""
+WRAPS = (2**32 * 1e-6, 2**32 * 1e-3)
+"""Where counters of 32 bits start anew [s]: of microseconds, and of milliseconds."""
+WRAP_STEPS = 20
+"""Usual steps within which the next row follows when a counter starts anew: a choice, some lost
+rows; a clock that was set hits this by chance in one of a thousand cases."""
 MOST_LATE = 1 / 20
 """Share of rows out of order above which a log is refused.  A choice: one is shuffled then."""
 MOST_REPEATED = 1 / 2
@@ -95,6 +100,29 @@ def advancing(
         f" (the first: {where(int(again[0]))})"
     )
     return keep, notes
+
+
+def unwrapped(t: Floats) -> tuple[Floats, list[str]]:
+    """Return times [s] that go on where a counter of 32 bits started anew, and what was mended.
+
+    Its reading was made seconds before it came here, so that it falls by one of `WRAPS`.
+    """
+    steps = np.diff(t)
+    usual = float(np.median(steps))
+    if not usual > 0:
+        return t, []
+    for wrap in WRAPS:
+        after = steps + wrap
+        falls = np.flatnonzero((after > 0) & (after <= WRAP_STEPS * usual))
+        if falls.size and (np.diff(falls) >= 10).all():
+            laps = np.zeros(t.size)
+            laps[falls + 1] = wrap
+            times = "once" if falls.size == 1 else f"{falls.size} times"
+            return t + np.cumsum(laps), [
+                f"times fall by {wrap:.3f} s, {times}: a counter of 32 bits started anew, and that"
+                " was mended"
+            ]
+    return t, []
 
 
 def _in_order(t: Floats | Integers) -> Flags:

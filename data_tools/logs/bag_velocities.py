@@ -4,13 +4,15 @@
 ``nav_msgs/Odometry``, are velocities of the body's origin, if they are in the body's frame: see
 `data_tools.logs.odometry_frames`.  ``sensor_msgs/JointState`` holds wheel states: positions of
 steering joints [rad] and velocities of drive joints [rad/s] (or positions, where the map says that
-they are counts), which a column map assigns to the wheels.  Times are those of the headers, not
-those of arrival.
+they are counts), which a column map assigns to the wheels.  Where there is none of these, or if it
+is named, ``/tf`` tells where the body was (`data_tools.logs.pose_velocities`).  Times are those of
+the headers, not those of arrival.
 """
 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,6 +24,7 @@ from data_tools.bags import Bag, Topic, open_bag
 from data_tools.files.row_times import MAX_JUMP, advancing
 from data_tools.logs.column_maps import Columns, Entry, column_map, converted
 from data_tools.logs.odometry_frames import Twists, in_body
+from data_tools.logs.pose_velocities import TRANSFORMS, base_transforms, velocities_of_poses
 from data_tools.logs.wheel_logs import wanted_columns, wheel_log
 from evcalib.arrays import Floats, Integers
 from evcalib.errors import InputError
@@ -36,6 +39,7 @@ _TWIST: dict[str, Callable[[Any], Any]] = {
     ODOMETRY: lambda message: message.twist.twist,
 }
 TYPES = (*_TWIST, JOINTS)
+_COMMANDS = re.compile(r"cmd|command|set_?point|desired|target|goal|reference", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
@@ -71,7 +75,8 @@ def read_bag_motion(
     path : path
         ROS 1 or ROS 2 bag.
     topic : str, optional
-        Its name; by default the only one of a type that fits.
+        Its name; by default the only one of a type that fits.  ``/tf:base_link`` names a frame of
+        a topic of transforms.
     vehicle : Swerve, Mecanum, Omni or Rolling, optional
         Needed for joints.
     columns : mapping or path, optional
@@ -92,7 +97,8 @@ def read_bag_motion(
         set, joints are not those of the map, or the frame of a twist is in doubt.
     """
     with open_bag(path) as bag:
-        chosen = bag.choose(TYPES, topic, "velocities, odometry or joints")
+        name, _, frame = (topic or "").partition(":")
+        chosen = _chosen(bag, name or None)
         if chosen.type == JOINTS:
             if vehicle is None or columns is None:
                 raise InputError(
@@ -105,6 +111,10 @@ def read_bag_motion(
             stamps, messages = _collected(bag, chosen, _joints(bag, chosen, entries))
         elif columns is not None:
             raise InputError(f"{path}: {chosen.name} ({chosen.type}) takes no column map")
+        elif chosen.type in TRANSFORMS:
+            entries = {}
+            found = base_transforms(bag, chosen, frame or None)
+            stamps, messages = _collected(bag, chosen, found)
         else:
             entries = {}
             stamps, messages = _collected(bag, chosen, _twists(bag, chosen))
@@ -120,6 +130,7 @@ def read_bag_motion(
     t = (stamps[keep] - origin_us * 1000) / 1e9
     messages = [message for message, kept in zip(messages, keep, strict=True) if kept]
     notes = [f"topic {chosen.name} ({chosen.type}), {t.size} messages", *late]
+    notes += commanded(chosen.name)
     notes += [f"{count} {reason}" for reason, count in losses.items() if count]
     try:
         if vehicle is not None and entries:
@@ -128,11 +139,34 @@ def read_bag_motion(
             t, values, counted = converted(t, values, entries)
             log = wheel_log(t, values, entries, vehicle, lambda k: f"t = {t[k]:.3f} s")
             return BagStream(log, (*notes, *joined, *counted))
+        if chosen.type in TRANSFORMS:
+            series = velocities_of_poses(t, np.array([pose for _, pose in messages]))
+            told = f"velocities are those of {messages[0][0]}, from its poses"
+            return BagStream(series, (*notes, told))
         twists, nans = _one_frame(t, messages)
         v, yaw_rate, more = in_body(twists, twist_frame)
         return BagStream(VelocitySeries(twists.t, v, yaw_rate), (*notes, *nans, *more))
     except InputError as error:
         raise InputError(f"{where}: {error}") from None
+
+
+def commanded(name: str) -> list[str]:
+    """Tell of a topic that, by its name, says what was wanted, not what was."""
+    if not _COMMANDS.search(name):
+        return []
+    return [
+        f"{name} tells what was commanded, by its name: a vehicle follows late and not wholly, an"
+        " error of the offset; take what was measured"
+    ]
+
+
+def _chosen(bag: Bag, name: str | None) -> Topic:
+    """Return the topic that is named or the only one that fits, transforms last."""
+    moving = [t for t in bag.topics if t.type in TRANSFORMS and not t.name.endswith("_static")]
+    if name is None and len(moving) == 1 and not any(t.type in TYPES for t in bag.topics):
+        return moving[0]
+    types = TYPES if name is None else (*TYPES, *TRANSFORMS)
+    return bag.choose(types, name, "velocities, odometry or joints")
 
 
 def _twists(bag: Bag, topic: Topic) -> Iterator[tuple[Any, list[Any]]]:
@@ -243,7 +277,7 @@ def _joined(t: Floats, messages: list[list[float]]) -> tuple[Floats, Floats, lis
 
 
 def _collected(
-    bag: Bag, topic: Topic, messages: Iterator[tuple[Any, list[Any]]]
+    bag: Bag, topic: Topic, messages: Iterator[tuple[Any, Any]]
 ) -> tuple[Integers, list[Any]]:
     stamps, rows = [], []
     with bag.reading(topic):

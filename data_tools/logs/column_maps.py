@@ -9,6 +9,9 @@ A map is a mapping, or a YAML file of one::
     speed_rl: {column: 7, unit: ticks, ticks_per_turn: 1024}
     steer_fl: {column: fl_angle, unit: deg, offset: -12.5} # reads 12.5 deg straight ahead
     steer_fr: fr_angle                          # a name alone: in our unit
+    t: {column: sec, nanosec: nsec}             # a time in two columns, as ROS messages have it
+
+Units in brackets behind our names, as in a header ``t [ms],vx [cm/s]``, are read without a map.
 
 Our names are ``t``; ``speed_NAME`` and ``steer_NAME`` for each wheel of the vehicle; and, in files
 of velocities, ``vx, vy, vz, yaw_rate``.  A column is a name, or a number (the first is 1) where a
@@ -27,13 +30,13 @@ all wheel speeds, or in one entry.  Wheel speeds come as
 
 The mean speed that counts give belongs to the middle between two rows, so there is one row less,
 and what was read at the rows (angles) is averaged.  ``wrap: 65536`` tells where a count
-starts anew.
+starts anew; what looks like it is mended and told, see `data_tools.logs.wheel_counts`.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from pathlib import Path
@@ -43,6 +46,7 @@ import numpy as np
 
 from data_tools.files.csv_table import Table, read_table
 from data_tools.files.text import read_yaml
+from data_tools.logs.wheel_counts import count_steps
 from evcalib import checks
 from evcalib.arrays import Floats
 from evcalib.errors import InputError
@@ -64,6 +68,7 @@ _KINDS = {
     "turning rate": _RATE,
 }
 _PLAIN = {"t": "time", "yaw_rate": "turning rate"} | dict.fromkeys(("vx", "vy", "vz"), "velocity")
+_WHEEL = ("speed_", "steer_")
 _OURS = {"time": "s", "wheel speed": "m/s", "angle": "rad", "velocity": "m/s"}
 
 RADII = (0.005, 2.0)
@@ -84,6 +89,7 @@ _KEYS = (
     "ticks_per_turn",
     "gear",
     "wrap",
+    "nanosec",
 )
 
 
@@ -103,6 +109,8 @@ class Entry:
         For wheel speeds that are told as counts.
     wrap : float, optional
         Where a count starts anew.
+    nanosec : str or int, optional
+        Column of nanoseconds that come to a time.
     """
 
     column: str | int
@@ -111,6 +119,7 @@ class Entry:
     stated: bool = False
     count: str | None = None
     wrap: float | None = None
+    nanosec: str | int | None = None
 
 
 Columns = Mapping[str, Any] | str | Path
@@ -160,15 +169,16 @@ def read_mapped(
     path: str | Path,
     columns: Columns | None,
     *,
+    ours: Collection[str],
     time_unit: str | None = None,
     wheel_radius: float | None = None,
     names: Mapping[int, tuple[str, ...]] | None = None,
 ) -> tuple[Table, Mapping[str, Entry]]:
     """Read a CSV file under our names, times in seconds, all else as it stands; and its map.
 
-    A time unit that the map gives must not be contradicted.  A time that falls by 2^32 counts is
-    taken for a counter that started anew, and told.  Other parameters are those of `column_map`
-    and `read_table`.
+    A time unit that the map or the header gives must not be contradicted.  A time that falls by
+    2^32 counts is taken for a counter that started anew, and told.  Other parameters are those of
+    `column_map` and `read_table`.
 
     Raises
     ------
@@ -176,31 +186,64 @@ def read_mapped(
         As `column_map` and `read_table`; and if the file lacks a column of the map.
     """
     if columns is None:
-        unit = checks.one_of(time_unit or "s", "time_unit", tuple(TIME))
-        table = read_table(path, names=names, hold=True)
-        entries = {name: Entry(name, 1.0) for name in table.columns}
-        if "t" in entries:
-            entries["t"] = Entry("t", TIME[unit])
+        table = read_table(path, ours=ours, names=names, hold=True)
+        entries = _entries_of_header(table, time_unit)
     else:
         entries = column_map(columns, time_unit=time_unit or "s", wheel_radius=wheel_radius)
-        stated = "t" in entries and entries["t"].stated
-        if stated and time_unit is not None and TIME[time_unit] != abs(entries["t"].factor):
-            raise InputError(
-                f"{path}: the column map gives the unit of t, which --time-unit {time_unit}"
-                " (time_unit) contradicts; leave one of them out"
-            )
-        table = read_table(path, only={entry.column for entry in entries.values()}, hold=True)
-        lacking = [str(e.column) for e in entries.values() if str(e.column) not in table.columns]
+        wanted = [entry.column for entry in entries.values()]
+        wanted += [entry.nanosec for entry in entries.values() if entry.nanosec is not None]
+        table = read_table(path, only=set(wanted), hold=True)
+        lacking = [str(name) for name in wanted if str(name) not in table.columns]
         if lacking:
-            raise InputError(f"{path} lacks the column(s) {', '.join(lacking)} of the column map")
+            raise InputError(
+                f"{path} lacks the column(s) {', '.join(lacking)} of the column map; it has"
+                f" {', '.join(table.foreign) or 'columns without names'}"
+            )
+        raw = table.columns
+        units = {n: table.units[str(e.column)] for n, e in entries.items()
+                 if str(e.column) in table.units}  # fmt: skip
         table = replace(
-            table, columns={name: table.columns[str(e.column)] for name, e in entries.items()}
+            table, columns={n: raw[str(e.column)] for n, e in entries.items()}, units=units
         )
     if "t" in entries:
-        t, notes = _unwrapped(table.columns["t"])
-        scaled = t * entries["t"].factor + entries["t"].offset
-        table = replace(table, columns=table.columns | {"t": scaled}, notes=table.notes + notes)
+        t, notes = _seconds(table, entries["t"], time_unit)
+        if (column := entries["t"].nanosec) is not None:
+            t = t + raw[str(column)] * 1e-9
+        table = replace(table, columns=table.columns | {"t": t}, notes=table.notes + notes)
     return table, entries
+
+
+def _entries_of_header(table: Table, time_unit: str | None) -> dict[str, Entry]:
+    """Return the map that the names and units of a header make."""
+    entries = {}
+    for name in table.columns:
+        unit = table.units.get(name)
+        if unit is None or unit == "date" or (name not in _PLAIN and not name.startswith(_WHEEL)):
+            entries[name] = Entry(name, TIME[time_unit or "s"] if name == "t" else 1.0)
+            continue
+        try:
+            entries[name] = _entry(name, {"column": name, "unit": unit}, {}, {})
+        except InputError as error:
+            raise InputError(
+                f"{table.path}: the unit in the header, {name} [{unit}], is not understood:"
+                f" {error}; use a column map (--columns)"
+            ) from None
+    return entries
+
+
+def _seconds(table: Table, entry: Entry, time_unit: str | None) -> tuple[Floats, tuple[str, ...]]:
+    """Return the times of a table [s]; refuse a unit that contradicts what the file says."""
+    factor = abs(entry.factor)
+    if table.units.get("t") == "date":
+        if factor != 1 or time_unit not in (None, "s"):
+            raise InputError(f"{table.path}: t holds dates, which have no unit; leave it out")
+    elif entry.stated and time_unit is not None and TIME[time_unit] != factor:
+        raise InputError(
+            f"{table.path}: the column map or the header gives the unit of t, which --time-unit"
+            f" {time_unit} (time_unit) contradicts; leave one of them out"
+        )
+    t, notes = _unwrapped(table.columns["t"])
+    return t * entry.factor + entry.offset, notes
 
 
 def _unwrapped(t: Floats) -> tuple[Floats, tuple[str, ...]]:
@@ -239,49 +282,43 @@ def converted(
     per_row = any(entries[name].count == "row" for name in values)
     whole = step <= LOST_ROW * np.median(step) if per_row else np.ones(step.size, dtype=bool)
     middle = (t[1:] + t[:-1]) / 2
+    notes = ["wheel speeds are counts: each row stands in the middle between two rows of the log"]
+    if not whole.all():
+        notes.append(f"{int((~whole).sum())} rows were left out: rows before them are missing")
     for name, column in values.items():
         entry = entries[name]
         if entry.count is None:
             at_rows = np.unwrap(ours[name]) if name.startswith("steer_") else ours[name]
             ours[name] = (at_rows[1:] + at_rows[:-1]) / 2
             continue
-        change = column[1:] if entry.count == "row" else np.diff(column)
-        if entry.wrap is not None:
-            change = (change + entry.wrap / 2) % entry.wrap - entry.wrap / 2
+        change = column[1:]
+        if entry.count == "running":
+            change, good, more = count_steps(name, column, t, entry.wrap)
+            whole &= good
+            notes += more
         ours[name] = entry.factor * change / step + entry.offset
-    notes = ["wheel speeds are counts: each row stands in the middle between two rows of the log"]
-    if not whole.all():
-        notes.append(f"{int((~whole).sum())} rows were left out: rows before them are missing")
     return middle[whole], {name: column[whole] for name, column in ours.items()}, notes
 
 
 def only_ours(table: Table, ours: tuple[str, ...]) -> Table:
-    """Return a table without foreign columns, and tell of these; refuse what looks misspelt."""
-    extra = [name for name in table.columns if name not in ours]
-    if not extra:
-        return table
+    """Tell of the foreign columns of a table; refuse what looks misspelt."""
     absent = [name for name in ours if name not in table.columns]
-    for name in extra:
+    for name in table.foreign:
         if near := get_close_matches(name.lower(), absent, 1, 0.7):
             raise InputError(
                 f"{table.path} has the unknown column(s) {name}; is it {near[0]}? rename it, or use"
                 f" a column map (--columns); columns are {', '.join(ours)}"
             )
-    columns = {name: table.columns[name] for name in ours if name in table.columns}
-    note = f"column(s) passed over: {', '.join(extra)}"
-    return replace(table, columns=columns, notes=(*table.notes, note))
+    if not table.foreign:
+        return table
+    note = f"column(s) passed over: {', '.join(table.foreign)}"
+    return replace(table, notes=(*table.notes, note))
 
 
 def _entry(name: str, value: Any, top: Mapping[str, Any], defaults: dict[str, str]) -> Entry:
     kind = _kind(name)
     content = value if isinstance(value, Mapping) else {"column": value}
-    column: Any = content.get("column")
-    numbered = isinstance(column, int) and not isinstance(column, bool) and column > 0
-    if not isinstance(column, str) and not numbered:
-        raise InputError(
-            f"{name} must be a column's name or number, or like {{column: NAME, unit: UNIT}}, not"
-            f" {value!r}"
-        )
+    column = _column_of(name, content.get("column"), value)
     extra = [key for key in content if key not in _KEYS]
     if extra:
         raise InputError(f"{name} has no {', '.join(map(str, extra))}; it has {', '.join(_KEYS)}")
@@ -309,6 +346,8 @@ def _entry(name: str, value: Any, top: Mapping[str, Any], defaults: dict[str, st
     offset = content.get("offset", 0.0)
     offset = 0.0 if offset == 0 else _number(offset, f"offset of {name}")
     counted = kind == "wheel speed" and unit in _COUNTED
+    if "nanosec" in content and (kind != "time" or unit != "s"):
+        raise InputError(f"{name} has nanosec, which only a time in s has")
     return Entry(
         column=column,
         factor=factor * scale,
@@ -316,7 +355,18 @@ def _entry(name: str, value: Any, top: Mapping[str, Any], defaults: dict[str, st
         stated="unit" in content,
         count=("row" if unit.endswith("/row") else "running") if counted else None,
         wrap=None if content.get("wrap") is None else _number(content["wrap"], f"wrap of {name}"),
+        nanosec=None if "nanosec" not in content else _column_of("nanosec", content["nanosec"]),
     )
+
+
+def _column_of(name: str, column: Any, value: Any = None) -> str | int:
+    numbered = isinstance(column, int) and not isinstance(column, bool) and column > 0
+    if not isinstance(column, str) and not numbered:
+        raise InputError(
+            f"{name} must be a column's name or number, or like {{column: NAME, unit: UNIT}}, not"
+            f" {column if value is None else value!r}"
+        )
+    return column
 
 
 def _radius(name: str, unit: str, content: Mapping[str, Any]) -> float:
@@ -350,7 +400,7 @@ def _kind(name: Any) -> str:
 
 
 def _number(value: Any, name: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < 1e9:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < 1e15:
         raise InputError(f"{name} must be a finite number, not {value!r}")
     if value == 0:
         raise InputError(f"{name} must not be 0")

@@ -89,7 +89,7 @@ def in_body(twists: Twists, given: str | None = None) -> tuple[Floats, Floats | 
         checks.one_of(given, "twist_frame", TWIST_FRAMES)
     frame = _bare(twists.frame)
     if twists.position is None or twists.quaternion is None:
-        if given == "ground" or (given is None and _stands(frame)):
+        if given == "ground" or (given is None and stands(frame)):
             raise InputError(
                 f"its twist is in {frame or 'the ground'!r}, the frame of the ground, and it has no"
                 " pose to turn it by: take a topic in the frame of the vehicle (base_link), or one"
@@ -97,7 +97,7 @@ def in_body(twists: Twists, given: str | None = None) -> tuple[Floats, Floats | 
             )
         return twists.v, twists.yaw_rate, [f"twist in the frame {frame or '(not named)'}"]
     same = frame == _bare(twists.ground)
-    if given is None and _stands(frame) and not same:
+    if given is None and stands(frame) and not same:
         raise InputError(
             f"its twist is in {frame!r} (child_frame_id), the frame of the ground, and so its pose"
             f" is not that of the vehicle: take a topic of the vehicle's own odometry, {_GIVE}"
@@ -122,7 +122,8 @@ def _bare(name: str) -> str:
     return name.strip().strip("/")
 
 
-def _stands(name: str) -> bool:
+def stands(name: str) -> bool:
+    """Tell whether a frame is one of the ground, by its name."""
     return name.rsplit("/", 1)[-1].lower() in GROUND
 
 

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from data_tools.files.archives import SUFFIX, load_array, opened_zip
-from data_tools.files.csv_table import Table, check_times, read_table, write_table
+from data_tools.files.csv_table import Table, check_times, in_our_units, read_table, write_table
 from data_tools.logs.column_maps import Columns, converted, only_ours, read_mapped
 from evcalib.arrays import Floats
 from evcalib.baselines.authors import PairedRows
@@ -44,8 +44,8 @@ def read_headings(path: str | Path, notes: list[str] | None = None) -> HeadingSe
         If the file is empty, lacks a column or has an unknown one, or a row is unusable.
     """
     needed = ("t", "vx", "vy", "vz")
-    table = read_table(path, names={4: needed})
     optional = ("t_start", "t_end", "weight", "sd_deg", "inliers", "valid")
+    table = in_our_units(read_table(path, ours=needed + optional, names={4: needed}))
     table = check_times(_checked(table, needed, optional), max_step=MAX_STEP)
     if notes is not None:
         notes += table.notes
@@ -110,8 +110,9 @@ def read_velocities(
     """
     needed, optional = ("t", "vx", "vy"), ("vz", "yaw_rate", "direction_sd_deg")
     names = {3: needed, 5: needed + optional[:2]}
-    table, entries = read_mapped(path, columns, time_unit=time_unit, names=names)
-    table = check_times(_checked(table, needed, optional), max_step=MAX_STEP)
+    ours = needed + optional
+    table, entries = read_mapped(path, columns, ours=ours, time_unit=time_unit, names=names)
+    table = check_times(_checked(table, needed, optional, columns is None), max_step=MAX_STEP)
     if notes is not None:
         notes += table.notes
     values = {name: column for name, column in table.columns.items() if name != "t"}
@@ -204,12 +205,14 @@ def _unit(v: Floats, path: str | Path) -> Floats:
     return v / length
 
 
-def _checked(table: Table, needed: tuple[str, ...], optional: tuple[str, ...]) -> Table:
+def _checked(
+    table: Table, needed: tuple[str, ...], optional: tuple[str, ...], named: bool = True
+) -> Table:
     missing = [name for name in needed if name not in table.columns]
     if missing:
         raise InputError(
             f"{table.path} lacks the column(s) {', '.join(missing)}; it has"
-            f" {', '.join(table.columns)}; columns are {', '.join(needed)}, and optionally"
-            f" {', '.join(optional)}"
+            f" {', '.join((*table.columns, *table.foreign))}; columns are {', '.join(needed)}, and"
+            f" optionally {', '.join(optional)}"
         )
-    return only_ours(table, needed + optional)
+    return only_ours(table, needed + optional) if named else table

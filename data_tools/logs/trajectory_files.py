@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from data_tools.files.csv_table import check_times, read_table
+from data_tools.files.csv_table import check_times, in_our_units, read_table
 from evcalib.errors import InputError
 from evcalib.poses import PoseSeries
 
@@ -32,20 +31,12 @@ def read_tum(path: str | Path, notes: list[str] | None = None) -> PoseSeries:
         If the file cannot be read, a line does not hold eight finite numbers, or the poses are
         unusable (see :class:`evcalib.poses.PoseSeries`).
     """
-    table = read_table(path, names={len(COLUMNS): COLUMNS})
-    ours = {_ours(name): name for name in table.columns}
-    if not set(COLUMNS) <= set(table.columns) and set(COLUMNS) <= set(ours):
-        told = ", ".join(f"{ours[name]} is {name}" for name in COLUMNS if ours[name] != name)
-        table = replace(
-            table,
-            columns={name: table.columns[ours[name]] for name in COLUMNS},
-            notes=(*table.notes, f"columns: {told}"),
-        )
+    table = in_our_units(read_table(path, ours=COLUMNS, alias=_ours, names={len(COLUMNS): COLUMNS}))
     lacking = [name for name in COLUMNS if name not in table.columns]
     if lacking:
         raise InputError(
             f"{path} lacks {', '.join(lacking)} of a TUM trajectory ({' '.join(COLUMNS)}); it has"
-            f" {', '.join(table.columns)}"
+            f" {', '.join((*table.columns, *table.foreign))}"
         )
     table = check_times(table)
     if notes is not None:

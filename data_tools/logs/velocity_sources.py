@@ -9,11 +9,13 @@ import numpy as np
 
 from data_tools.bags import MAGIC, is_bag
 from data_tools.files.pipes import refuse_pipe
+from data_tools.files.wpilog import is_wpilog
 from data_tools.logs.bag_velocities import read_bag_motion
 from data_tools.logs.column_maps import Columns
 from data_tools.logs.series_files import read_velocities
 from data_tools.logs.vehicle_files import read_vehicle
 from data_tools.logs.wheel_logs import read_wheel_log
+from data_tools.logs.wpilog_motion import read_wpilog_motion
 from evcalib import checks
 from evcalib.arrays import Floats
 from evcalib.checks import whole_us
@@ -27,12 +29,19 @@ from evcalib.kinematics import (
     check_vehicle,
     turning_centre,
 )
-from evcalib.series import VelocitySeries
+from evcalib.series import VelocitySeries, bins
 
 MIN_STEP = 1e-4
 """A median step between rows below this [s] is taken for a mistake of units."""
 MAX_GAP = 3600.0
 """Rows may have been left out, but not for longer than this [s]: then a clock was set."""
+SPEEDING, BREATH = 20.0, 0.5
+"""A speed that changes by more than this [m/s^2], over so long [s], is told of: two g, which tyres
+do not hold.  A choice."""
+FAST = 40.0
+"""A usual speed above this [m/s], 144 km/h, is told of.  A choice."""
+LARGE = 5.0
+"""Wheels farther than this [m] from the origin are told of: a choice, beyond what cars have."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,9 +113,10 @@ def read_body_velocities(
     ----------
     path : path
         A CSV file of velocities (``t,vx,vy``, see `data_tools.logs.series_files`); or, with
-        `vehicle`, one of wheel states (see `data_tools.logs.wheel_logs`); or a ROS 1 or ROS 2 bag.
+        `vehicle`, one of wheel states (see `data_tools.logs.wheel_logs`); or a ROS 1 or ROS 2 bag;
+        or a WPILib log (`data_tools.logs.wpilog_motion`).
     topic : str, optional
-        Topic of a bag; by default the only one that fits.
+        Topic of a bag, or entry of a log; by default the only one that fits.
     vehicle : Swerve, Mecanum, Omni, Rolling or path, optional
         The vehicle, or its YAML file; turns wheel states into velocities.
     columns : mapping or path, optional
@@ -143,8 +153,17 @@ def read_body_velocities(
     notes: list[str] = []
     if not np.isfinite(clock_shift):
         raise InputError(f"clock_shift must be a finite number of seconds, not {clock_shift!r}")
-    bag = is_bag(path, _head(path))
-    if bag:
+    head = _head(path)
+    bag = is_bag(path, head)
+    if is_wpilog(head):
+        if twist_frame is not None or time_unit is not None or wheel_radius is not None:
+            raise InputError(
+                f"{path} is a WPILib log, in us, m/s and rad: it takes no time unit, twist frame or"
+                " wheel radius"
+            )
+        stream = read_wpilog_motion(path, topic=topic, vehicle=vehicle, columns=columns)
+        motion, notes = stream.motion, list(stream.notes)
+    elif bag:
         stream = read_bag_motion(
             path,
             topic=topic,
@@ -178,14 +197,15 @@ def read_body_velocities(
             body = body_velocities(motion, vehicle)
         except InputError as error:
             raise InputError(f"{path}: {error}") from None
-        advice = check_vehicle(motion, vehicle).advice
+        advice = (*_large(vehicle), *check_vehicle(motion, vehicle).advice)
         notes += [f"look at the vehicle: {line}" for line in advice]
+        notes += _hasty(body.velocities)
         notes.append(body.summary())
         whole = VelocitySource(
             str(path), body.velocities, body, tuple(notes), vehicle, motion.states
         )
     else:
-        notes += _centre(motion)
+        notes += _hasty(motion) + _centre(motion)
         whole = VelocitySource(str(path), motion, notes=tuple(notes))
     return whole.limited(max_slip=max_slip, max_yaw_rate=max_yaw_rate)
 
@@ -199,6 +219,34 @@ def _centre(velocities: VelocitySeries) -> list[str]:
         f"the vehicle turns about a point {abs(x):.2f} m {'ahead of' if x > 0 else 'behind'} the"
         " origin of its body frame, by its sideways velocity: a camera's position counts from the"
         " origin, not from there"
+    ]
+
+
+def _large(vehicle: Vehicle) -> list[str]:
+    """Tell of wheels that stand far out."""
+    wheels = vehicle.positions
+    far = np.hypot(*wheels.T)
+    if far.max() <= LARGE:
+        return []
+    name = vehicle.names[int(np.argmax(far))]
+    return [f"wheel {name} is {far.max():.3g} m from the origin; are lengths in metres?"]
+
+
+def _hasty(velocities: VelocitySeries) -> list[str]:
+    """Tell of speeds that no vehicle on wheels has, or comes to so fast."""
+    speed, t = velocities.speed, velocities.t
+    usual = float(np.median(speed))
+    if usual > FAST:
+        return [f"its usual speed is {usual:.0f} m/s, {3.6 * usual:.0f} km/h: are speeds in m/s?"]
+    stretch = bins(t - t[0], BREATH)
+    _, first = np.unique(stretch, return_index=True)
+    mean = np.add.reduceat(speed, first) / np.diff(np.append(first, t.size))
+    change = np.abs(np.diff(mean))[np.diff(stretch[first]) == 1]
+    if not change.size or change.max() <= SPEEDING * BREATH:
+        return []
+    return [
+        f"its speed changes by up to {change.max():.3g} m/s within {BREATH:g} s, more than tyres"
+        " hold: are speeds in m/s, and times in s?"
     ]
 
 

@@ -68,10 +68,13 @@ def read_wheel_log(
         If the file is empty or has one row, columns are missing or strange, a cell is no finite
         number, times do not increase, or values look like another unit.
     """
-    table, entries = read_mapped(path, columns, time_unit=time_unit, wheel_radius=wheel_radius)
+    ours = (*wanted_columns(vehicle), "yaw_rate")
+    table, entries = read_mapped(
+        path, columns, ours=ours, time_unit=time_unit, wheel_radius=wheel_radius
+    )
     _check_vehicle(table, vehicle)
-    more_ours = tuple(name for name in ("yaw_rate",) if name in table.columns)
-    table = only_ours(table, (*wanted_columns(vehicle), *more_ours))
+    if columns is None:
+        table = only_ours(table, ours)
     table = check_times(table, max_step=MAX_STEP, max_jump=MAX_JUMP)
     values = {name: column for name, column in table.columns.items() if name != "t"}
     t, values, more = converted(table.columns["t"], values, entries)
@@ -164,7 +167,7 @@ def velocities_from_files(
 def _check_vehicle(table: Table, vehicle: Vehicle) -> None:
     want = wanted_columns(vehicle)
     missing = [name for name in want if name not in table.columns]
-    extra = [name for name in table.columns if name not in want]
+    extra = [name for name in (*table.columns, *table.foreign) if name not in want]
     if missing:
         at = _wheels_of(missing)
         raise InputError(
@@ -186,7 +189,11 @@ def _check_vehicle(table: Table, vehicle: Vehicle) -> None:
 def _other_type(table: Table, vehicle: Vehicle) -> str:
     """Say of which type of vehicle a log of other columns is likely to be."""
     speeds, angles = (
-        {name.removeprefix(kind) for name in table.columns if name.startswith(kind)}
+        {
+            name.removeprefix(kind)
+            for name in (*table.columns, *table.foreign)
+            if name.startswith(kind)
+        }
         for kind in ("speed_", "steer_")
     )
     if not speeds or (speeds == {*vehicle.speed_names} and angles == {*vehicle.steer_names}):

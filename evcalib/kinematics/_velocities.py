@@ -13,7 +13,7 @@ from evcalib.errors import InputError
 from evcalib.kinematics._rolling import Rolling
 from evcalib.kinematics._states import WheelLog
 from evcalib.kinematics._vehicles import Mecanum, Omni, Swerve
-from evcalib.series import VelocitySeries
+from evcalib.series import MAX_YAW_RATE, VelocitySeries
 
 Vehicle = Swerve | Mecanum | Omni | Rolling
 """All kinds of vehicles."""
@@ -142,6 +142,14 @@ def body_velocities(
     checks.instance(vehicle, "vehicle", Swerve, Mecanum, Omni, Rolling)
     twist = vehicle.twist(wheel_log.states)
     share, wheel_speed = _judged(wheel_log, vehicle)
+    turn = np.abs(twist.yaw_rate)
+    if np.max(turn, initial=0.0) > MAX_YAW_RATE:
+        row = int(np.argmax(turn))
+        raise InputError(
+            f"row {row}: the wheels tell a yaw rate of {turn[row]:.3g} rad/s, above"
+            f" {MAX_YAW_RATE:.3g} rad/s; are speeds in m/s and the vehicle's lengths in m? (a"
+            " column map reads other units), or is a value damaged?"
+        )
     v = np.column_stack([twist.v, np.zeros(len(twist.v))])
     whole = BodyVelocities(
         velocities=VelocitySeries(

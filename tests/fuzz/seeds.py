@@ -12,6 +12,7 @@ import h5py
 import naive_formats as naive
 import numpy as np
 import yaml
+from wpilog_writing import doubles, log
 
 WIDTH, HEIGHT = 64, 48
 COUNT = 300
@@ -475,3 +476,9 @@ def calibration():
         "convention": "v_body = R_body_cam v_cam",
     }
     return yaml.safe_dump(content, sort_keys=False, default_flow_style=None).encode()
+
+
+def wpilog() -> bytes:
+    """Return a WPILib log of two swerve modules that drive forward."""
+    values = [(5_000_000 + 20_000 * k, doubles([[1.0, 0.0, 1.0, 0.0]])[0]) for k in range(6)]
+    return log([("/drive/measured", "struct:SwerveModuleState[]", values)])

@@ -147,6 +147,12 @@ def _joints(path: Path) -> object:
     return found
 
 
+def _modules(path: Path) -> object:
+    source = read_body_velocities(path, vehicle=TWO_WHEELS)
+    _finite(source.velocities.t, source.velocities.v, source.velocities.yaw_rate)
+    return source
+
+
 def _bag_folder(path: Path) -> object:
     """Read a folder whose metadata.yaml is the file."""
     _, name, database = seeds.bag_folder()
@@ -220,6 +226,7 @@ TARGETS: dict[str, Target] = {
     "rosbag2-metadata": Target(".yaml", _bag_folder, lambda: [seeds.bag_folder()[0]]),
     "bag-twists": Target(".bag", _motion, lambda: [seeds.motion_bag("ros1")]),
     "bag-joints": Target(".mcap", _joints, lambda: [seeds.motion_bag("mcap", joints=True)]),
+    "wpilog": Target(".wpilog", _modules, lambda: [seeds.wpilog()]),
     "wheel-log": Target(".csv", _wheel_log, lambda: [seeds.table(seeds.WHEELS)]),
     "velocities": Target(".csv", _velocities, lambda: [seeds.table("t,vx,vy,vz,yaw_rate")]),
     "headings": Target(".csv", _headings, lambda: [seeds.headings()]),

@@ -97,8 +97,8 @@ class Converter:
         unit = self._units[kind]
         if unit is None:
             raise InputError(
-                f"times are {values.dtype}; say their unit: time_unit='us' (--time-unit us)"
-                " or another"
+                f"times are {'fractions' if kind == 'f' else 'whole numbers'}; say their unit:"
+                " time_unit='us' (--time-unit us) or another"
             )
         if kind == "f" and unit in ("us", "ns"):
             values = self._whole_times(values)

@@ -20,6 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
+from data_tools.files.headers import parted
 from data_tools.files.unpack import check_ratio
 from data_tools.recordings.formats import Columns, Options, Source
 from data_tools.recordings.formats._columns import Converter, find_columns
@@ -27,9 +28,11 @@ from data_tools.recordings.formats.events_text import (
     MARK as MARK,
 )
 from data_tools.recordings.formats.events_text import (
+    SIDES,
     declared,
     declared_size,
     head_lines,
+    is_comment,
     opened_text,
 )
 from evcalib.checks import MAX_SIDE
@@ -46,6 +49,10 @@ _SOMETHING = re.compile(rb"^[ \t]*[^#\s]", re.MULTILINE)
 _GZIP = b"\x1f\x8b"
 _FRACTION = re.compile(r"[.,eEnN]")
 _DECIMAL_COMMA = re.compile(r"\d,\d")
+_WORDS = {b"true": b"1", b"on": b"1", b"false": b"0", b"off": b"0"}
+_WORD = re.compile(rb"\b(true|false|on|off)\b", re.IGNORECASE)
+"""Polarities in words."""
+_BAD = re.compile(r"could not convert string '(.*)' to \S+ at row (\d+), column (\d+)")
 _NUMBER = re.compile(r"[+-]?\d+(,\d+)?")
 
 
@@ -59,6 +66,8 @@ class _Head:
     declared: dict[str, str]
     kinds: dict[str, str]
     comma: bool
+    words: bool
+    sides: str
 
 
 def matches(path: Path, head: bytes) -> bool:
@@ -114,7 +123,10 @@ def open_table(path: Path, options: Options, name: str, order: str | None = None
                 rows = _parse(block, line, places, head, dtype, path)
                 yield convert(*(rows[key] for key in "xytp"))
 
+    notes: tuple[str, ...]
     notes = (f"there is no header: the columns were taken as {' '.join(order)}",) if order else ()
+    if order and head.sides:
+        notes += (f"the first line, {head.sides}, was taken for the size of the sensor",)
     return Source(name, *size, pieces, notes, guessed)
 
 
@@ -167,11 +179,14 @@ def _dialect(row: str) -> tuple[str | None, bool]:
 
 def _read_head(path: Path, member: str | None, order: str | None) -> _Head:
     lines = head_lines(path, member)
+    told, words, first = declared(lines), False, ""
     if order is None:
         found = _named(lines[:64])
         if found is None:
             raise InputError(f"{path} has no header that names the columns x, y, t, p")
-        row, names, delimiter = found
+        row, names, delimiter, unit = found
+        if unit:
+            told.setdefault("time_unit", unit)
         rows = [line for line in lines[row + 1 :] if _is_data(line)]
         cells = rows[0].rstrip(", \t").split(",") if rows and delimiter == "," else names
         if len(cells) > len(names):
@@ -181,8 +196,11 @@ def _read_head(path: Path, member: str | None, order: str | None) -> _Head:
             )
         comma = delimiter != "," and bool(rows) and bool(_DECIMAL_COMMA.search(rows[0]))
     else:
-        row, names = -1, list(order)
+        names = list(order)
         rows = [line for line in lines if _is_data(line)]
+        sides = len(rows) > 1 and SIDES.fullmatch(rows[0].strip()) is not None
+        row = lines.index(rows[0]) - (not sides)
+        first, rows = rows[0].strip() if sides else "", rows[sides:]
         delimiter, comma = _dialect(rows[0])
     fields = find_columns(names)
     kinds = {}
@@ -190,24 +208,28 @@ def _read_head(path: Path, member: str | None, order: str | None) -> _Head:
         place = names.index(fields[key]) if fields else 0
         cells = [cells[place] for cells in (r.split(delimiter) for r in rows) if place < len(cells)]
         kinds[key] = "f8" if any(_FRACTION.search(cell) for cell in cells) else "i8"
-    return _Head(row + 1, names, delimiter, declared(lines), kinds, comma)
+        if key == "p":
+            words = bool(cells) and _WORD.fullmatch(cells[0].strip().encode()) is not None
+    return _Head(row + 1, names, delimiter, told, kinds, comma, words, first)
 
 
-def _named(lines: list[str]) -> tuple[int, list[str], str | None] | None:
-    """Return number, column names and delimiter of the header, if it is one."""
+def _named(lines: list[str]) -> tuple[int, list[str], str | None, str] | None:
+    """Return number, names, delimiter and unit of times of the header, if it is one."""
     for row, line in enumerate(lines):
         if not _is_data(line):
             continue
         for delimiter in (",", ";", "\t", None):
-            names = [name.strip().strip('"') for name in line.split(delimiter)]
-            if find_columns(names) is not None:
-                return row, names, delimiter
+            names, units = zip(*(parted(n.strip().strip('"')) for n in line.split(delimiter)),
+                               strict=True)  # fmt: skip
+            fields = find_columns(names)
+            if fields is not None:
+                return row, list(names), delimiter, units[names.index(fields["t"])]
         return None
     return None
 
 
 def _is_data(line: str) -> bool:
-    return bool(line.strip()) and not line.startswith("#")
+    return bool(line.strip()) and not is_comment(line)
 
 
 def _blocks(stream: io.BufferedIOBase, skip: int, path: Path) -> Iterator[tuple[int, bytes]]:
@@ -252,6 +274,8 @@ def _parse(
         return np.empty(0, dtype=dtype)
     if head.comma:
         block = block.replace(b",", b".")
+    if head.words:
+        block = _WORD.sub(lambda word: _WORDS[word[0].lower()], block)
     try:
         return np.loadtxt(
             io.BytesIO(block),
@@ -262,4 +286,9 @@ def _parse(
             ndmin=1,
         )
     except (ValueError, UnicodeDecodeError) as error:
+        if (bad := _BAD.match(str(error))) is not None:
+            where = f"line {line + int(bad[2]) + 1}, column {bad[3]}"
+            if b"#" in block or b"\n\n" in block:
+                where = f"after line {line}, column {bad[3]}"
+            raise InputError(f"{path}, {where}: {bad[1]!r} is no number") from None
         raise InputError(f"{path}, after line {line}: {error}") from None

@@ -38,6 +38,9 @@ MARK = "# evcalib-events"
 HEAD = 1 << 16
 """Bytes from which the dialect of a text is seen."""
 
+_GEOMETRY = re.compile(r"%\s*geometry\s*[:=]\s*([0-9]{1,6})\s*[,x ]\s*([0-9]{1,6})\s*")
+SIDES = re.compile(r"([0-9]{1,6})[ ,;\t]+([0-9]{1,6})")
+"""A line of width and height."""
 _POWER = {"s": 6, "ms": 3, "us": 0, "ns": -3}
 _SHORTEST_LINE = len("0 0 0 0\n")
 
@@ -185,10 +188,26 @@ def head_lines(path: Path, member: str | None = None) -> list[str]:
 
 
 def declared(lines: list[str]) -> dict[str, str]:
-    """Return what the comment of `data_tools.recordings.convert` says of size and unit."""
-    comments = itertools.takewhile(lambda line: not line.strip() or line.startswith("#"), lines)
-    marked = " ".join(line for line in comments if line.startswith(MARK))
-    return dict(re.findall(r"(\w+)=(\S+)", marked))
+    """Return what is said of size and unit above the events.
+
+    By the comment of `data_tools.recordings.convert`, by Metavision's ``%geometry:640,480`` (whose
+    times are microseconds), or by a first line of two numbers, as rpg_e2vid wants it.
+    """
+    head = list(itertools.takewhile(lambda line: not line.strip() or is_comment(line), lines))
+    marked = " ".join(line for line in head if line.startswith(MARK))
+    told = {}
+    if (sides := next(filter(None, map(_GEOMETRY.fullmatch, head)), None)) is not None:
+        told = {"time_unit": "us"}
+    elif len(head) + 1 < len(lines):
+        sides = SIDES.fullmatch(lines[len(head)].strip())
+    if sides is not None:
+        told |= {"width": sides[1], "height": sides[2]}
+    return told | dict(re.findall(r"(\w+)=(\S+)", marked))
+
+
+def is_comment(line: str) -> bool:
+    """Tell whether a line above the events is none of them."""
+    return line.startswith(("#", "%", "//"))
 
 
 def declared_size(told: dict[str, str]) -> Size | None:

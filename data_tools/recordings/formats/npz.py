@@ -1,9 +1,10 @@
-"""NumPy archives (.npz) with the arrays x, y, t, p, of one length.
+"""NumPy archives (.npz) with the arrays x, y, t, p, of one length, or one array of events.
 
 Other names of `Events.from_structured` do as well (``timestamps``, ``polarity``...).  Optional,
 as arrays of one value: ``width``, ``height`` [px] and ``time_unit``.  Times are whole
 microseconds, unless said otherwise.  The arrays are read in pieces, never as a whole; arrays of
-Python objects, which could run code, are refused.
+Python objects, which could run code, are refused.  One array is structured, or n x 4 numbers, as in
+a .npy file.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from numpy.typing import NDArray
 
 from data_tools.files.archives import (
     SUFFIX,
+    ArrayHead,
     array_head,
     array_header,
     member_names,
@@ -28,6 +30,7 @@ from data_tools.files.archives import (
 )
 from data_tools.recordings.formats import Columns, Options, Size, Source
 from data_tools.recordings.formats._columns import Converter, find_columns
+from data_tools.recordings.formats._tables import SAMPLE, column_order
 from evcalib.errors import InputError
 
 NAMES = ("npz",)
@@ -39,7 +42,14 @@ def matches(path: Path, head: bytes) -> bool:
     """Tell whether the file is a zip of arrays, the four columns among them."""
     if not head.startswith(b"PK\x03\x04"):
         return False
-    return find_columns(_arrays(member_names(path))) is not None
+    names = _arrays(member_names(path))
+    if find_columns(names) is not None:
+        return True
+    try:
+        with opened_zip(path) as archive:
+            return bool(_tables(archive))
+    except InputError:
+        return False
 
 
 def open(path: Path, options: Options) -> Source:
@@ -47,6 +57,8 @@ def open(path: Path, options: Options) -> Source:
     with opened_zip(path) as archive:
         names = _arrays(archive.namelist())
         fields = find_columns(names)
+        if fields is None and (tables := _tables(archive)):
+            return _open_table(path, archive, tables, options)
         if fields is None:
             there = ", ".join(names) or "none"
             raise InputError(f"{path} needs the arrays x, y, t, p, and has {there}")
@@ -68,6 +80,60 @@ def open(path: Path, options: Options) -> Source:
                 yield convert(*(streams[key].read(count, last=not left) for key in "xytp"))
 
     return Source("npz", *size, pieces, guessed=None if unit else "us")
+
+
+def _tables(archive: zipfile.ZipFile) -> dict[str, ArrayHead]:
+    """Return the arrays that hold a whole event in each row."""
+    found = {}
+    for name in _arrays(archive.namelist()):
+        try:
+            head = array_head(archive, name)
+        except InputError:
+            continue
+        fields = head.dtype.names
+        if fields is not None:
+            fits = len(head.shape) == 1 and find_columns(fields) is not None
+        else:
+            fits = len(head.shape) == 2 and head.shape[1] == 4 and not head.fortran
+        if fits:
+            found[name] = head
+    return found
+
+
+def _open_table(
+    path: Path, archive: zipfile.ZipFile, tables: dict[str, ArrayHead], options: Options
+) -> Source:
+    """Open an archive of one array of events; `options.stream` says which of several."""
+    name = options.stream if options.stream in tables else next(iter(tables))
+    if len(tables) > 1 and name != options.stream:
+        raise InputError(f"{path} has events in {', '.join(tables)}: say which, stream (--stream)")
+    head = tables[name]
+    order: dict[str, Any]
+    notes: tuple[str, ...] = ()
+    if head.dtype.names is not None:
+        order = find_columns(head.dtype.names) or {}
+    else:
+        with ExitStack() as stack:
+            sample = _Array(stack, archive, name).read(4 * min(head.shape[0], SAMPLE), last=False)
+        order, note = column_order(sample.reshape(-1, 4))
+        notes = (note,)
+    size = options.sensor(path, _declared_size(archive))
+    unit = options.time_unit
+
+    def pieces(losses: Counter[str]) -> Iterator[Columns]:
+        convert = Converter(unit or "us", unit)
+        with opened_zip(path) as archive, ExitStack() as stack:
+            stream, left = _Array(stack, archive, name), head.shape[0]
+            while left:
+                count = min(left, _ROWS)
+                left -= count
+                if head.dtype.names is not None:
+                    table = stream.read(count, last=not left)
+                else:
+                    table = stream.read(4 * count, last=not left).reshape(-1, 4).T
+                yield convert(*(np.ascontiguousarray(table[order[key]]) for key in "xytp"))
+
+    return Source("npz", *size, pieces, notes, guessed=None if unit else "us")
 
 
 def _arrays(members: list[str]) -> list[str]:

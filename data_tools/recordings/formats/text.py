@@ -15,9 +15,11 @@ from data_tools.files.archives import member_names
 from data_tools.recordings.formats import Columns, Options, Source
 from data_tools.recordings.formats.csv import open_table, order_of
 from data_tools.recordings.formats.events_text import (
+    SIDES,
     declared,
     declared_size,
     head_lines,
+    is_comment,
     read_text_columns,
 )
 
@@ -42,9 +44,13 @@ def matches(path: Path, head: bytes) -> bool:
 def open(path: Path, options: Options) -> Source:
     """Open a text of events; `options.stream` is the name inside a zip."""
     lines = head_lines(path, options.stream)
-    rows = [line for line in lines if line.strip() and not line.startswith("#")]
-    order = order_of(rows)
-    if order is not None and (order != "txyp" or _QUICK.fullmatch(rows[0]) is None):
+    rows = [line for line in lines if line.strip() and not is_comment(line)]
+    sides = SIDES.fullmatch(rows[0].strip()) is not None if len(rows) > 1 else False
+    order = order_of(rows[sides:])
+    marks = any(line.startswith(("%", "//")) for line in lines)
+    if order is not None and (
+        order != "txyp" or sides or marks or _QUICK.fullmatch(rows[0]) is None
+    ):
         return open_table(path, options, "text", order)
     told = declared(lines)
     width, height = options.sensor(path, declared_size(told))
@@ -69,7 +75,7 @@ def _is_text(head: bytes) -> bool:
     *whole, last = re.split(rb"[\r\n]", head.removeprefix(b"\xef\xbb\xbf"))
     for line in (*whole, last):
         line = line.strip()
-        if line and not line.startswith(b"#"):
+        if line and not line.startswith((b"#", b"%", b"//")):
             return _LINE.fullmatch(line) is not None
     return False
 
