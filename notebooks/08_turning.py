@@ -26,24 +26,21 @@
 # So there are two more unknowns, $p_x$ and $p_y$. The height $p_z$ is none of them, for
 # $\mathbf e_z \times \mathbf e_z = 0$: a camera on a mast moves just as one at its foot.
 
+#
+# How much is the second term? A camera sits 25 cm before the middle of the axle and 18 cm to its
+# right, and the vehicle drives ahead at 0.5 m/s. By (1), the camera moves:
+
 # %%
 from dataclasses import replace
 
 import matplotlib.pyplot as plt
 import numpy as np
 
-from evcalib.geometry import LOOKS_FORWARD, rotation_angle, rotation_vector_to_matrix, unit
+from evcalib.geometry import LOOKS_FORWARD, rotation_angle, rotation_vector_to_matrix
 from evcalib.plots import style
 
 style.use()
-UP = np.array([0.0, 0.0, 1.0])
-PLACE = np.array([0.25, -0.18, 0.30])
-
-# %% [markdown]
-# How much is the second term? A camera sits 25 cm before the middle of the axle and 18 cm to its
-# right; the vehicle drives ahead at 0.5 m/s. By (1), its camera moves
-
-# %%
+UP, PLACE = np.array([0.0, 0.0, 1.0]), np.array([0.25, -0.18, 0.30])
 for rate in (0, 5, 20, 60):
     v = np.array([0.5, 0.0, 0.0]) + np.radians(rate) * np.cross(UP, PLACE)
     print(f"at {rate:2d} deg/s: {np.degrees(np.arctan2(v[1], v[0])):5.1f} deg to the left")
@@ -54,9 +51,9 @@ for rate in (0, 5, 20, 60):
 #
 # ## Four motions
 #
-# A figure-eight; a circle; turning on the spot, to and fro; and a straight line. Each planned motion
-# is a function of a swing [deg], a period [s], a speed [m/s] and a duration [s]. The course has
-# most of them (`data_tools.simulation.drives.PLANS`); the others are a few lines:
+# A figure-eight; a circle; turning on the spot, to and fro; and a straight line. Each planned
+# motion is a function of a swing [deg], a period [s], a speed [m/s] and a duration [s]. The course
+# has most of them (`data_tools.simulation.drives.PLANS`); the others are a few lines:
 
 # %%
 from data_tools.simulation.drives import FASTEST, PLANS
@@ -75,8 +72,7 @@ def circle(swing, period, speed, duration):
 # %% [markdown]
 # To simulate events takes minutes, so we begin a level above: corners in space, projected into the
 # camera as it moves by, with a noise of 0.3 px, one match in ten wrong, and wheels with noise. From
-# there on everything is as after real events. (The study at the end of this section's list,
-# `evcalib study turning`, starts from raw events.)
+# there on everything is as after real events. (`evcalib study turning` starts from raw events.)
 
 # %%
 from data_tools.simulation.recorded_drive import CAMERA
@@ -200,10 +196,10 @@ plt.show()
 # ## A start from nothing
 #
 # The map takes $R$ and $t_d$ for granted. But it shows how to find them. For *any* rotation and
-# offset, (2) gives the best $\mathbf p$ at once. Turns about the body's vertical go with each other,
-# so one more angle, the camera's yaw, comes along in closed form, too. What is left to try is where
-# the body's vertical lies in the camera, 400 directions all over the sphere, and the offset, in
-# steps of 0.1 s. The best candidates are polished. Nothing has to be known beforehand:
+# offset, (2) gives the best $\mathbf p$ at once. Turns about the body's vertical may change their
+# order, so one more angle, the camera's yaw, comes along in closed form, too. What is left to try
+# is where the body's vertical lies in the camera, 400 directions all over the sphere, and the
+# offset, in steps of 0.1 s. The best candidates are polished. Nothing has to be known beforehand:
 
 # %%
 from evcalib.joint import global_start
@@ -213,8 +209,8 @@ eight = drives["figure-eight"]
 track = velocity_track(eight.velocities)
 start = global_start(tracks["figure-eight"], eight.velocities, track, focal=CAMERA.focal)
 print(f"rotation off by {np.degrees(rotation_angle(start.R_body_cam, R_TRUE)):.1f} deg")
-print(f"offset off by {1e3 * abs(start.offset - OFFSET):.0f} ms")
-print(f"position off by {100 * np.linalg.norm((start.position - PLACE)[:2]):.0f} cm")
+print(f"offset off by {1e3 * abs(start.offset - OFFSET):.1f} ms")
+print(f"position off by {100 * np.linalg.norm((start.position - PLACE)[:2]):.1f} cm")
 
 # %% [markdown]
 # The joint refinement of notebook 6 takes over from there, with $p_x$ and $p_y$ beside rotation and
@@ -241,8 +237,8 @@ for words, lever in (("at the origin", 0.0 * PLACE), ("where it is", PLACE)):
 # %% [markdown]
 # ## The call
 #
-# All of this is in `evcalib.calibrate` (and `evcalib calibrate`). Nobody has to say that the vehicle
-# turns: the wheels do. Here we enter after the sightings:
+# All of this is in `evcalib.calibrate` (and `evcalib calibrate`). Nobody has to say that the
+# vehicle turns: the wheels do. Here we enter after the sightings:
 
 # %%
 from evcalib.pipeline import calibrate_estimate
@@ -273,16 +269,16 @@ assert rotation_angle(best.R_body_cam, R_TRUE) < best.rotation_radius
 assert low < OFFSET < high
 
 # %% [markdown]
-# **See:** the body as a grey plate with two wheels, its axes in blue, and the camera as it was found,
-# a pyramid that opens to where it looks. Below it on the floor lies the ellipse that holds 95 % of
-# the errors of its position, ten times as large as it is; the cross is the truth. The dotted line
-# stands for the height: no motion in a plane shows it, so it is drawn as measured, and
-# `--camera-height` is for telling it.
+# **See:** the body as a grey plate with two wheels, its axes in blue, and the camera as it was
+# found, a pyramid that opens to where it looks. Below it on the floor lies the ellipse that holds
+# 95 % of the errors of its position, *ten times* as large as it is; the cross is the truth. The
+# dotted line stands for the height: no motion in a plane shows it, so it is drawn as one would
+# measure it (and tell it, with `--camera-height`).
 
 # %%
 from evcalib.plots.turning import draw_mounting
 
-figure = plt.figure(figsize=style.SQUARE)
+figure = plt.figure(figsize=(5.2, 3.0))
 ax = figure.add_subplot(projection="3d", computed_zorder=False)
 place = np.append(best.position[:2], PLACE[2])
 draw_mounting(ax, best.R_body_cam, place, best.covariance[4:, 4:], times=10, true=PLACE)
@@ -303,15 +299,15 @@ axis = found["circle"].unknown_axis
 print(f"circle: unknown about the body axis ({', '.join(f'{abs(a):.0f}' for a in axis)})")
 
 # %% [markdown]
-# Why? Both motions turn about *one point* $\mathbf c$ all the time (the middle of the circle, or the
-# body's origin). Then (1) is
+# Why? Both motions turn about *one point* $\mathbf c$ all the time (the middle of the circle, or
+# the body's origin). Then (1) is
 #
 # $$\mathbf v_e = \omega\,R^\top \bigl(\mathbf e_z \times (\mathbf p - \mathbf c)\bigr). \tag{3}$$
 #
 # Turn the camera by any angle about $\mathbf c$, place and looks together: nothing changes. Set it
 # twice as far from $\mathbf c$: it moves twice as fast, and everything it sees may be twice as far
-# away. So two of the five unknowns are free, and they are named: the yaw trades with the position.
-# Tilt and roll stay known, as the turning shows the vertical.
+# away. So yaw, $p_x$ and $p_y$ are tied to each other, but none of them is known. Roll and pitch
+# are, since the turning shows the vertical.
 #
 # Let us hold (3) against numbers. A camera, and another that is turned by 50 degrees about
 # $\mathbf c$ and 1.4 times as far from it; the angle between where each looks and where it goes:
@@ -347,13 +343,13 @@ draw_trade(ax, centre[:2], PLACE[:2], -0.3, ways)
 plt.show()
 
 # %% [markdown]
-# The offset is a matter of its own. On a constant circle every moment is like every other, so it is
-# hidden, as on the arcs of notebook 4. Turning on the spot at a *changing* rate shows it: the moment
-# at which the scene stands still is the moment at which the wheels do.
+# The offset is a matter of its own. On a constant circle every moment is like every other, so it
+# is hidden, as on the arcs of notebook 4. Turning on the spot at a *changing* rate shows it: the
+# moment at which the scene stands still is the moment at which the wheels do.
 #
 # ## Before anyone drives
 #
-# `predict` (notebook 0) knows all of this. Here is what it says of the course's motions, as standard
+# `predict` (notebook 0) knows all of this. Here is what it says of some motions, as standard
 # deviations:
 
 # %%
@@ -376,28 +372,22 @@ for name, plan in MOTIONS.items():
 # with the wheel locked to one side, then to the other: nearly two circles. It shows $x$ well, but
 # hardly $y$.
 #
-# How much must a vehicle turn? We let a slalom swing by more and more:
+# How much must a vehicle turn? We let the heading of a slalom swing by more and more.
+#
+# **See:** the error bars of $x$ and $y$ fall. The one of $x$ is small even for a gentle slalom: a
+# shift of the camera to the front moves it *sideways* in every curve. A shift to the side only
+# changes its *speed*, by $\omega\,p_y$, and of speeds a camera sees only how they change while it
+# watches a corner. So $y$ wants more turning than $x$.
 
 # %%
-swings = np.array([3.0, 6.0, 12.0, 24.0, 48.0])
-sd = {}
-for swing in swings:
-    slalom = planned(PLANS["slalom"](swing, 9.0, 0.5, 16.0))
-    sd[swing] = 100 * predict(slalom, viewing=viewing).position_sd
-print("swing [deg]", *(f"{swing:6.0f}" for swing in swings))
-for k, axis in enumerate("xy"):
-    print(f"{axis} [cm]     ", *(f"{values[k]:6.1f}" for values in sd.values()))
-
-# %% [markdown]
-# **See:** both error bars fall with the swing, $x$ like its inverse, $y$ faster: twice the swing, a
-# third or a quarter of the error. A sideways shift of the camera only changes its *speed*, by
-# $\omega p_y$, and that is told from the speed of the body by comparing left turns with right ones.
-
-# %%
+swings = [3, 6, 12, 24, 48]
+slaloms = [planned(PLANS["slalom"](swing, 9.0, 0.5, 16.0)) for swing in swings]
+sd = 100 * np.array([predict(slalom, viewing=viewing).position_sd for slalom in slaloms])
 figure, ax = plt.subplots(figsize=style.SMALL)
-for k, (axis, look) in enumerate({"x": "o-", "y": "s--"}.items()):
-    ax.loglog(swings, [values[k] for values in sd.values()], look, color=style.BODY, label=axis)
-ax.set_xticks(swings, [f"{swing:.0f}" for swing in swings])
+for values, axis, look in zip(sd.T, "xy", ("o-", "s--"), strict=True):
+    ax.loglog(swings, values, look, color=style.BODY, label=axis)
+    print(axis, *(f"{value:6.1f}" for value in values), "cm")
+ax.set_xticks(swings, swings)
 ax.set_yticks([0.1, 1, 10], ["0.1", "1", "10"])
 ax.minorticks_off()
 style.label(ax, "swing of the heading [deg]", "standard deviation [cm]")
@@ -416,14 +406,18 @@ from data_tools.files.csv_table import read_columns
 
 table = read_columns("data/turning.csv")
 known = np.isfinite(table["x_error_cm"])
-print(f"{known.sum()} of {known.size} answered; the others said what they do not know")
-names = {"offset": "error_ms", "rotation": "deg", "x": "error_cm", "y": "error_cm"}
-for name, column in names.items():
-    off = np.abs(table[f"{name}_{column}"][known])
-    bar = table[f"{name}_95_{column.removeprefix('error_')}"][known]
-    print(f"{name}: median {np.median(off):.2f} {column[-3:].strip('_r')}, held {sum(off <= bar)}")
+print(f"{known.sum()} of {known.size} drives answered")
+for name, unit in {"offset": "ms", "rotation": "deg", "x": "cm", "y": "cm"}.items():
+    error, bar = (table[f"{name}_{what}_{unit}"][known] for what in ("error", "95"))
+    held = int((np.abs(error) <= bar).sum())
+    print(
+        f"{name}: median {np.median(np.abs(error)):.2f} {unit}, held by its interval {held} times"
+    )
 
 # %% [markdown]
+# (The other two, figure-eights, said that they do not know their offset.) Of 34 such intervals 32
+# should hold, and 30 to 34 by chance.
+#
 # **See:** errors of $x$ (left) and $y$ (right), each with its 95 % interval; green ones keep the
 # promise.
 
@@ -433,7 +427,7 @@ from evcalib.plots.full import draw_calibrations
 figure, axes = plt.subplots(1, 2, figsize=(9.2, 3.2))
 groups = table["motion"][known].tolist()
 for ax, axis in zip(axes, "xy", strict=True):
-    error, bar = (table[f"{axis}_{column}"][known] for column in ("error_cm", "95_cm"))
+    error, bar = (table[f"{axis}_{what}_cm"][known] for what in ("error", "95"))
     draw_calibrations(ax, groups, error, bar)
     style.label(ax, "", f"error of {axis} [cm]")
 plt.show()
@@ -446,8 +440,8 @@ plt.show()
 # error bar of each unknown, over the limit below which it counts as shown (5 degrees, a quarter of
 # the search for the offset, 5 cm).
 #
-# **See:** *parking*. The ellipse is a band across the body: $x$ is known, $y$ hardly. The rings mark
-# the bars of the figure-eight.
+# **See:** *parking*. The ellipse is a band across the body: $x$ is known, $y$ hardly. The rings
+# mark the bars of the figure-eight.
 
 # %%
 from evcalib.plots.turning import draw_turning, relative_errors, turning_axes
@@ -463,7 +457,7 @@ print(parking.summary)
 plt.show()
 
 # %% [markdown]
-# **Your turn.** The rings mark the bars that you began with; *hold* moves them to where the bars are.
+# **Your turn.** The rings mark the bars that you began with; *hold* moves them to the bars of now.
 #
 # 1. *figure-eight*: lower the swing until $y$ is no longer shown. Which bar hardly minds?
 # 2. *circle*: try to save the yaw with speed, duration and swing. What would you have to change?
@@ -487,13 +481,14 @@ TurningPanel(MOTIONS)
 #
 # </details><br>
 #
-# **2.** And one that drives half of the circle to the left and half of it to the right?
+# **2.** And one that drives a circle to the left, then one to the right?
 #
 # <details><summary>Solution</summary>
 #
 # Everything but the height. There are two points that it turns about, and a camera that is turned
-# about one of them is not turned about the other. `predict` gives the position to 0.2 cm ($x$) and
-# 2.6 cm ($y$), if the first half of the panel's *circle* goes left and the second one right.
+# about one of them is out of place for the other. For the *circle* of the table above, half of the
+# time to the left and half to the right, `predict` gives the position to 0.2 cm ($x$) and 2.6 cm
+# ($y$).
 #
 # </details><br>
 #
@@ -510,31 +505,34 @@ TurningPanel(MOTIONS)
 # </details><br>
 #
 # **4.** All steering angles are off by one degree, so all velocities are told turned by one degree.
-# While the body keeps its heading, that looks like a camera that is turned (notebook 6). Does
-# turning show the difference?
+# While the body keeps its heading, that looks like a camera that is turned. Does turning show the
+# difference?
 #
 # <details><summary>Solution</summary>
 #
 # No, as long as the position is unknown. With $Z$ for the turn of all velocities,
 # $Z\mathbf v_o + \omega\,\mathbf e_z \times \mathbf p = Z(\mathbf v_o + \omega\,\mathbf e_z \times
 # Z^\top\mathbf p)$, for turns about the vertical go with the cross product. So it is a turn of the
-# body frame as a whole, and takes the position along. A position that was *measured* shows it, by
-# one degree of its distance from the origin: 5 mm at 0.3 m.
+# body frame as a whole, and takes the position along. A position that was *measured* would show
+# it, by one degree of its distance from the origin: 5 mm at 0.3 m, hardly more than a tape measure
+# is good for.
 #
 # </details>
 #
 # ## In the library
 #
-# - [`evcalib.calibrate`](../evcalib/pipeline/_calibrate.py): turning included; `unknowns` of what it
-#   returns has a verdict for each ([`evcalib.pipeline.Unknown`](../evcalib/pipeline/_position.py)).
+# - [`evcalib.calibrate`](../evcalib/pipeline/_calibrate.py): turning included; `unknowns` of what
+#   it returns has a verdict for each
+#   ([`evcalib.pipeline.Unknown`](../evcalib/pipeline/_position.py)).
 # - [`evcalib.joint.global_start`](../evcalib/joint/_global_start.py) and
 #   [`evcalib.kernels.joint.global_start`](../evcalib/kernels/joint/global_start.py): equation (2)
 #   in closed form.
 # - [`evcalib.joint.refine_jointly`](../evcalib/joint/_refine.py) with `estimate_position`.
 # - [`evcalib.design.predict`](../evcalib/design/_prediction.py): what a motion will tell.
 # - [`data_tools.studies.turning`](../data_tools/studies/turning.py): `evcalib study turning`, from
-#   raw events; [`data_tools.studies.sighting_drives`](../data_tools/studies/sighting_drives.py): the
-#   drives of this notebook.
+#   raw events;
+#   [`data_tools.studies.sighting_drives`](../data_tools/studies/sighting_drives.py): the drives of
+#   this notebook.
 # - [`evcalib.plots.turning`](../evcalib/plots/turning.py),
 #   [`evcalib.widgets.turning`](../evcalib/widgets/turning.py): the pictures and the panel.
 # - On the command line: `evcalib calibrate --help` has `--camera-position` and `--camera-height`.

@@ -124,12 +124,11 @@ def make_lags(folder: Path) -> None:
 
 def make_turning() -> None:
     """Calibrate bodies that turn, from corners as a camera sees them, and store errors and bars."""
+    errors = ["offset_error_ms", "rotation_error_deg", "x_error_cm", "y_error_cm"]
     bars = ["offset_95_ms", "rotation_95_deg", "x_95_cm", "y_95_cm"]
     with (HERE / "turning.csv").open("w", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(
-            ["motion", "seed", "offset_error_ms", "rotation_deg", "x_error_cm", "y_error_cm", *bars]
-        )
+        writer.writerow(["motion", "seed", *errors, *bars])
         for motion, seed in TURNED:
             row = [motion, seed, *(f"{value:.3g}" for value in turned(motion, seed))]
             writer.writerow(row)

@@ -255,7 +255,7 @@ def draw_places(
     ax.plot(true[1], true[0], "x", ms=9, mew=2, color=style.CAMERA)
     ax.invert_xaxis()
     ax.grid(visible=False)
-    ax.locator_params(nbins=5)
+    ax.locator_params(nbins=4)
     style.label(ax, "y, to the left [m]", "x, forward [m]")
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 from collections.abc import Callable, Mapping
 
 import ipywidgets as widgets
@@ -87,7 +88,7 @@ class TurningPanel(Panel):
 
     def _keep(self) -> None:
         """Let the rings mark the bars as they are."""
-        self._rings = relative_errors(self._found)
+        self._rings = None
         self._changed()
 
     def _draw(self) -> None:
@@ -95,7 +96,7 @@ class TurningPanel(Panel):
             drive = self.drive()
             self._found = self.prediction(drive)
         except InputError as error:
-            self.numbers.value = f"{error} The picture is older."
+            self.numbers.value = f"{html.escape(str(error))} The picture is older."
             return
         if self._rings is None:
             self._rings = relative_errors(self._found)
