@@ -178,7 +178,7 @@ print(f"figure-eight: best at x = {side[i]:.2f} m, y = {side[j]:.2f} m, true 0.2
 # %% [markdown]
 # **See:** the body from above, darker where more sightings agree; the cross is the truth. *The
 # figure-eight* has one dark spot, and the camera is there. *The circle* has a line of them, and so
-# has *turning on the spot*: every place on it explains what is seen equally well. *The straight
+# has *turning on the spot*: the places on it explain what is seen equally well. *The straight
 # line* knows nothing: all places are alike.
 
 # %%
@@ -278,7 +278,7 @@ assert low < OFFSET < high
 # %%
 from evcalib.plots.turning import draw_mounting
 
-figure = plt.figure(figsize=(5.2, 3.0))
+figure = plt.figure(figsize=style.SQUARE)
 ax = figure.add_subplot(projection="3d", computed_zorder=False)
 place = np.append(best.position[:2], PLACE[2])
 draw_mounting(ax, best.R_body_cam, place, best.covariance[4:, 4:], times=10, true=PLACE)

@@ -71,8 +71,8 @@ def draw_mounting(
         ax.plot(*np.append(true[:2], 0.0)[:, None], "x", ms=8, mew=2, color=style.TRUE, zorder=6)
     _draw_camera(ax, R_body_cam, position)
     ax.set(xlim=(-REACH, REACH), ylim=(-REACH, REACH), zlim=(0.0, REACH))
-    ax.set_box_aspect((2, 2, 1), zoom=1.05)
-    ax.view_init(elev=30.0, azim=-125.0)
+    ax.set_box_aspect((2, 2, 1), zoom=1.03)
+    ax.view_init(elev=40.0, azim=-125.0)
     ax.set_axis_off()
 
 
@@ -84,7 +84,7 @@ def error_ellipse(covariance: Floats, probability: float = 0.95) -> Floats:
     return np.asarray(np.stack([np.cos(turn), np.sin(turn)], axis=1) * radius @ axes.T)
 
 
-def draw_paths(ax: Axes, velocities: VelocitySeries, position: Sequence[float]) -> None:
+def draw_paths(ax: Axes, velocities: VelocitySeries, position: Floats) -> None:
     """Draw the ways of a body and of a camera on it, from above, forward at the start being up.
 
     Parameters
@@ -93,8 +93,8 @@ def draw_paths(ax: Axes, velocities: VelocitySeries, position: Sequence[float]) 
         Where to draw.
     velocities : VelocitySeries
         Of the body.
-    position : sequence of float
-        Of the camera in the body frame, x and y [m].
+    position : ndarray, shape (2,)
+        Of the camera in the body frame [m].
     """
     lever = np.array([position[0], position[1], 0.0])
     rate = np.zeros(len(velocities)) if velocities.yaw_rate is None else velocities.yaw_rate
@@ -249,7 +249,7 @@ def draw_places(
         Shares of the palest and the darkest colour.
     """
     half = (x[1] - x[0]) / 2, (y[1] - y[0]) / 2
-    sides = [y[0] - half[1], y[-1] + half[1], x[0] - half[0], x[-1] + half[0]]
+    sides = (y[0] - half[1], y[-1] + half[1], x[0] - half[0], x[-1] + half[0])
     low, high = scale
     ax.imshow(met, origin="lower", extent=sides, cmap="Blues", vmin=low, vmax=high)
     ax.plot(true[1], true[0], "x", ms=9, mew=2, color=style.CAMERA)
