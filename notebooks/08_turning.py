@@ -370,7 +370,7 @@ for name, plan in MOTIONS.items():
 # %% [markdown]
 # (A metre, a second and some hundred degrees are what was known before.) *Parking* is to and fro,
 # with the wheel locked to one side, then to the other: nearly two circles. It shows $x$ well, but
-# hardly $y$.
+# hardly $y$; exercise 2 says why.
 #
 # How much must a vehicle turn? We let the heading of a slalom swing by more and more.
 #
@@ -485,10 +485,16 @@ TurningPanel(MOTIONS)
 #
 # <details><summary>Solution</summary>
 #
-# Everything but the height. There are two points that it turns about, and a camera that is turned
-# about one of them is out of place for the other. For the *circle* of the table above, half of the
-# time to the left and half to the right, `predict` gives the position to 0.2 cm ($x$) and 2.6 cm
-# ($y$).
+# Everything but the height, if it does not stop in between. There are two turning points now, and
+# directions of motion leave one freedom: the camera may go along the circle through both of these
+# points and its own place, while its yaw turns along (from every place on that circle the two
+# points are seen under the same angle). Near the camera of this notebook, that circle runs along
+# $y$.
+#
+# Corners that are watched during the change put an end to it: they compare how fast the camera goes
+# on either circle. For the *circle* of the table above, half of the time to each side, `predict`
+# gives 2.6 cm for $y$ if the wheel is thrown over at full speed, and 47 cm if the vehicle slows
+# down to a stop for it within a second. That is also what ails *parking*.
 #
 # </details><br>
 #
