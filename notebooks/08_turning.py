@@ -106,7 +106,10 @@ for name, plan in PLANNED.items():
 # camera moves at all. On the straight line both go the same way, wherever the camera sits.
 
 # %%
+from scipy.integrate import cumulative_trapezoid
+
 from evcalib.plots.turning import draw_paths
+from evcalib.series import dead_reckon
 
 figure, axes = plt.subplots(1, 4, figsize=(9.4, 2.9))
 for ax, (name, drive) in zip(axes, drives.items(), strict=True):
@@ -132,12 +135,8 @@ plt.show()
 # $\mathbf p$: if we knew $R$ and $t_d$, we could solve for $\mathbf p$. Let us first look, and
 # compute what (2) needs:
 
+
 # %%
-from scipy.integrate import cumulative_trapezoid
-
-from evcalib.series import dead_reckon
-
-
 def turned(v, angle):
     c, s, (x, y, z) = np.cos(angle), np.sin(angle), np.transpose(v)
     return np.stack([c * x - s * y, s * x + c * y, z + 0 * c], axis=1)
@@ -170,11 +169,6 @@ def met(drive, tracks, side):
     return shares
 
 
-side = np.round(np.linspace(-0.6, 0.6, 31), 2)
-maps = {name: met(drives[name], tracks[name], side) for name in drives}
-i, j = np.unravel_index(maps["figure-eight"].argmax(), maps["figure-eight"].shape)
-print(f"figure-eight: best at x = {side[i]:.2f} m, y = {side[j]:.2f} m, true 0.25 and -0.18")
-
 # %% [markdown]
 # **See:** the body from above, darker where more sightings agree; the cross is the truth. *The
 # figure-eight* has one dark spot, and the camera is there. *The circle* has a line of them, and so
@@ -184,6 +178,10 @@ print(f"figure-eight: best at x = {side[i]:.2f} m, y = {side[j]:.2f} m, true 0.2
 # %%
 from evcalib.plots.turning import draw_places
 
+side = np.round(np.linspace(-0.6, 0.6, 31), 2)
+maps = {name: met(drives[name], tracks[name], side) for name in drives}
+i, j = np.unravel_index(maps["figure-eight"].argmax(), maps["figure-eight"].shape)
+print(f"figure-eight: best at x = {side[i]:.2f} m, y = {side[j]:.2f} m, true 0.25 and -0.18")
 figure, axes = plt.subplots(1, 4, figsize=(9.4, 2.9), sharey=True)
 for ax, (name, shares) in zip(axes, maps.items(), strict=True):
     draw_places(ax, side, side, shares, true=PLACE[:2], scale=(0.2, 0.9))
@@ -220,17 +218,10 @@ print(f"position off by {100 * np.linalg.norm((start.position - PLACE)[:2]):.1f}
 # %%
 from evcalib.joint import refine_jointly
 
+given = tracks["figure-eight"], eight.velocities, track, R_TRUE, OFFSET
 for words, lever in (("at the origin", 0.0 * PLACE), ("where it is", PLACE)):
-    joint = refine_jointly(
-        tracks["figure-eight"],
-        eight.velocities,
-        track,
-        R_TRUE,
-        OFFSET,
-        focal=CAMERA.focal,
-        estimate_offset=False,
-        lever=tuple(lever),
-    )
+    options = {"focal": CAMERA.focal, "estimate_offset": False, "lever": tuple(lever)}
+    joint = refine_jointly(*given, **options)
     turn = np.degrees(rotation_angle(joint.R_body_cam, R_TRUE))
     print(f"{words}: rotation off by {turn:.1f} deg, {100 * joint.inlier_share:.0f} % followed")
 
