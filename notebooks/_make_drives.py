@@ -4,6 +4,7 @@
     python notebooks/_make_drives.py stages            # notebooks/data/stages.csv, 8 minutes
     python notebooks/_make_drives.py table FOLDER      # notebooks/data/recorded.csv, at once
     python notebooks/_make_drives.py lags FOLDER       # notebooks/data/lag.csv, at once
+    python notebooks/_make_drives.py turning           # notebooks/data/turning.csv, 5 minutes
 
 A drive is four files, as a user has them: events.h5, calib.txt, wheels.csv, vehicle.yaml; and the
 truth, as a calibration.  The camera is small, so that the files are.  ``FOLDER`` holds what
@@ -22,14 +23,19 @@ import numpy as np
 import yaml
 
 from data_tools.runs.demo import write_demo
+from data_tools.simulation import recorded_drive
+from data_tools.simulation.random_drives import RECORDED
 from data_tools.simulation.recorded_drive import VEHICLE, Disturbances, record_drive
 from data_tools.simulation.sensor import Sensor
 from data_tools.studies import lag, load_study
+from data_tools.studies.sighting_drives import Fault, sight
+from data_tools.studies.sightings import Corners
 from evcalib.alignment import align
 from evcalib.camera import Camera
-from evcalib.geometry import rotation_angle
+from evcalib.geometry import LOOKS_FORWARD, rotation_angle, rotation_vector_to_matrix
 from evcalib.kinematics import body_velocities
 from evcalib.pipeline import calibrate
+from evcalib.uncertainty import t_quantile
 
 HERE = Path(__file__).parent / "data"
 CAMERA = Camera(120, 90, 100.0, 100.0, 59.5, 44.5)
@@ -41,6 +47,9 @@ STAGED = [("sweep", seed) for seed in range(301, 309)] + [
     ("fingers", seed) for seed in range(301, 305)
 ]
 """Motions and seeds of the drives that are followed from stage to stage."""
+
+TURNED = [(motion, seed) for motion in ("figure-eight", "slalom", "strafe") for seed in range(12)]
+"""Motions and seeds of the drives of bodies that turn."""
 
 COLUMNS = {
     "offset_error_s": ("offset_error_ms", 1e3),
@@ -113,6 +122,47 @@ def make_lags(folder: Path) -> None:
             writer.writerow([f"{v:.4g}" if isinstance(v, float) else v for v in row])
 
 
+def make_turning() -> None:
+    """Calibrate bodies that turn, from corners as a camera sees them, and store errors and bars."""
+    errors = ["offset_error_ms", "rotation_error_deg", "x_error_cm", "y_error_cm"]
+    bars = ["offset_95_ms", "rotation_95_deg", "x_95_cm", "y_95_cm"]
+    with (HERE / "turning.csv").open("w", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(["motion", "seed", *errors, *bars])
+        for motion, seed in TURNED:
+            row = [motion, seed, *(f"{value:.3g}" for value in turned(motion, seed))]
+            writer.writerow(row)
+            file.flush()
+
+
+def turned(motion: str, seed: int) -> list[float]:
+    """Return errors of offset, rotation, x and y, and their 95 % bars."""
+    rng = np.random.default_rng([8, seed])
+    R = rotation_vector_to_matrix(np.radians(rng.uniform(-30, 30, 3))) @ LOOKS_FORWARD
+    lever = (*rng.uniform(-0.4, 0.4, 2), 0.3)
+    offset = float(rng.uniform(-0.5, 0.5))
+    drive = sight(
+        RECORDED[motion](rng, 12.0, float(rng.uniform(0.5, 0.7))),
+        rng,
+        camera=recorded_drive.CAMERA,
+        R_body_cam=R,
+        offset=offset,
+        corners=Corners(noise=0.3, false=0.1),
+        fault=Fault(lever=lever),
+    )
+    found = drive.calibrate(max_offset=0.6)
+    off = 100 * (found.position[:2] - lever[:2])
+    half = 100 * t_quantile(found.samples) * found.position_sd[:2]
+    return [
+        1e3 * (found.offset - offset),
+        float(np.degrees(rotation_angle(found.R_body_cam, R))),
+        *off,
+        500 * float(np.ptp(found.offset_interval)),
+        float(np.degrees(found.rotation_radius)),
+        *half,
+    ]
+
+
 if __name__ == "__main__":
     if sys.argv[1:2] == ["recordings"]:
         make_recordings()
@@ -122,5 +172,7 @@ if __name__ == "__main__":
         make_table(Path(sys.argv[2]))
     elif sys.argv[1:2] == ["lags"] and len(sys.argv) == 3:
         make_lags(Path(sys.argv[2]))
+    elif sys.argv[1:2] == ["turning"]:
+        make_turning()
     else:
         sys.exit(__doc__)

@@ -30,6 +30,7 @@ from evcalib.widgets.offset import OffsetPanel
 from evcalib.widgets.rivals import RivalPanel
 from evcalib.widgets.rotation import RotationPanel
 from evcalib.widgets.surfaces import SurfacePanel
+from evcalib.widgets.turning import TurningPanel
 
 DRIVES = {
     "arc": arc(6.0, radius=2.0),
@@ -106,6 +107,7 @@ PANELS = {
         {"curve": recording(DRIVES["S-curve"]), "fingers": recording(fingers(out=1.5))}
     ),
     RivalPanel: lambda: RivalPanel(trial, list(DRIVES), ("ours", "vc", "hand_eye")),
+    TurningPanel: lambda: TurningPanel(PLANS),
 }
 
 

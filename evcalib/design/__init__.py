@@ -2,8 +2,23 @@
 
 from evcalib._moved import leftovers
 from evcalib.design._information import Viewing
-from evcalib.design._prediction import REPEATS, Prediction, predict, self_likeness
+from evcalib.design._prediction import (
+    POSITION_GATE,
+    REPEATS,
+    ROTATION_GATE,
+    Prediction,
+    predict,
+    self_likeness,
+)
 
-__all__ = ["REPEATS", "Prediction", "Viewing", "predict", "self_likeness"]
+__all__ = [
+    "POSITION_GATE",
+    "REPEATS",
+    "ROTATION_GATE",
+    "Prediction",
+    "Viewing",
+    "predict",
+    "self_likeness",
+]
 
 __getattr__ = leftovers(__name__)

@@ -25,6 +25,7 @@ __all__ = [
     "rotation",
     "studies",
     "style",
+    "turning",
 ]
 
 __getattr__, __dir__ = lazy(__name__, _HOMES, __all__)

@@ -15,6 +15,7 @@ _HOMES = {
     "RotationPanel": "rotation",
     "SurfacePanel": "surfaces",
     "SwervePanel": "kinematics",
+    "TurningPanel": "turning",
 }
 
 __all__ = [
@@ -26,6 +27,7 @@ __all__ = [
     "RotationPanel",
     "SurfacePanel",
     "SwervePanel",
+    "TurningPanel",
 ]
 
 __getattr__, __dir__ = lazy(__name__, _HOMES, _HOMES.values())

@@ -59,6 +59,22 @@ class Course(Protocol):
     def velocity(self, t: np.ndarray) -> np.ndarray: ...  # noqa: D102
 
 
+def planned(plan: Course) -> VelocitySeries:
+    """Return a planned drive as its wheels would be logged."""
+    t = np.arange(0.0, plan.duration, 1.0 / RATE)
+    return VelocitySeries(t, plan.velocity(t), plan.yaw_rate(t))
+
+
+def said(prediction: Prediction, *, sure: bool) -> str:
+    """Return what a drive will tell, and what to change, as HTML."""
+    color = style.INLIER if sure else style.OUTLIER
+    advice = html.escape(" ".join(prediction.advice))
+    return (
+        f"<div style='border-left:6px solid {color}; padding:4px 14px; line-height:1.5'>"
+        f"<b style='font-size:115%'>{html.escape(prediction.summary)}</b><br>{advice}</div>"
+    )
+
+
 class DriveDesigner(Panel):
     """Pick a motion or draw one, and see the precision that it allows.
 
@@ -108,9 +124,9 @@ class DriveDesigner(Panel):
         if self.motion.value == OWN:
             return drive_through(read_way_points(self.points.value), speed=self.speed.value)
         make = self._motions[self.motion.value]
-        plan = make(self.swing.value, self.period.value, self.speed.value, self.duration.value)
-        t = np.arange(0.0, plan.duration, 1.0 / RATE)
-        return VelocitySeries(t, plan.velocity(t), plan.yaw_rate(t))
+        return planned(
+            make(self.swing.value, self.period.value, self.speed.value, self.duration.value)
+        )
 
     def viewing(self) -> Viewing:
         """Return the camera and what it sees as the sliders have it."""
@@ -159,13 +175,7 @@ class DriveDesigner(Panel):
 
     def table(self, full: Prediction, alone: Prediction) -> str:
         """Return the verdict, and both predictions, as HTML."""
-        sure = full.offset_determined and full.rotation_determined
-        color = style.INLIER if sure else style.OUTLIER
-        advice = html.escape(" ".join(full.advice))
-        verdict = (
-            f"<div style='border-left:6px solid {color}; padding:4px 14px; line-height:1.5'>"
-            f"<b style='font-size:115%'>{html.escape(full.summary)}</b><br>{advice}</div>"
-        )
+        verdict = said(full, sure=full.offset_determined and full.rotation_determined)
         head = "".join(f"<th style='{_CELL}'>{name}</th>" for name in _HEAD)
         body = ""
         for name, found in (("with speeds", full), ("directions alone", alone)):
