@@ -29,9 +29,9 @@ from evcalib.kernels.heading.bearings import interpolate
 from evcalib.surfaces import SURFACES
 
 TELLS_NOISE = 10_000
-"""Pixels of the least sensor whose noise is told from texture: one of 96 x 72 px sees texture in all
-its parts and passes for 3 Hz of noise, by whose filter its offset was 20 ms off; one of 128 x 128
-passes for 1.6 at most."""
+"""Pixels of the least sensor whose noise is told from texture: one of 96 x 72 px sees texture in
+all its parts and passes for 3 Hz of noise, by whose filter its offset was 20 ms off; one of 128 x
+128 passes for 1.6 at most."""
 
 REACH_PX = 4
 """Radius of a keypoint [px]; corner events are gathered while the corner moves that far.  This, the
