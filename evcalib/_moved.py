@@ -90,7 +90,7 @@ RENAMED = {
     "data_tools.logs.cameras._content.LARGEST_CALIB_TXT": "LARGEST",
     "data_tools.simulation.point_matches.Matched": "Matches",
     "evcalib.heading._matches.Pairs": "Matches",
-    "evcalib.kernels.features.event_image.align": "align_patches",
+    "evcalib.kernels.features.event_image.align": "patch_aligner",
     "evcalib.kernels.heading.turn.turn_misfits": "squared_residuals",
     "evcalib.design._information.SIGHTINGS": "OBSERVATIONS",
     "evcalib.kernels.joint.observation_model.sighting": "observe",
