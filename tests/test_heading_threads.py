@@ -12,7 +12,7 @@ from evcalib.camera import Camera
 from evcalib.errors import InputError
 from evcalib.heading import _threads, estimate_headings
 
-CAMERA = Camera(120, 90, 100.0, 100.0, 59.5, 44.5)
+CAMERA = Camera(160, 120, 110.0, 110.0, 79.5, 59.5)
 
 
 @pytest.fixture(scope="module")
