@@ -70,10 +70,16 @@ def test_steady_drives_are_always_flagged(name):
     assert outcomes(name, FEW).rotation_inside.all()
 
 
-@pytest.mark.parametrize("name", ["s-curve 5 deg", "s-curve 10 deg", "s-curve 20 deg"])
-def test_s_curves_of_five_degrees_and_more_are_never_flagged(name):
+@pytest.mark.parametrize("name", ["s-curve 10 deg", "s-curve 20 deg"])
+def test_s_curves_of_ten_degrees_and_more_are_never_flagged(name):
     assert outcomes(name, FEW).offset_observable.all()
     assert outcomes(name, FEW).rotation_observable.all()
+
+
+def test_s_curves_of_five_degrees_are_hardly_ever_flagged():
+    """57 of 60 are answered (README): of ten, fewer than 7 once in 1000."""
+    answered = outcomes("s-curve 5 deg", FEW).offset_observable.sum()
+    assert answered >= stats.binom.ppf(0.001, FEW, 0.95)
 
 
 def test_given_its_offset_an_arc_determines_the_rotation():

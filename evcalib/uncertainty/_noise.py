@@ -131,7 +131,18 @@ def robust_sd(residuals: Floats) -> float:
 
 
 def sd_of_median(size: float) -> float:
-    """Return the same from the median magnitude [rad] itself."""
+    """Return the standard deviation of a normal distribution with this median magnitude.
+
+    Parameters
+    ----------
+    size : float
+        Median magnitude [rad].
+
+    Returns
+    -------
+    float
+        `LEAST_NOISE` at least.
+    """
     return max(1.4826 * size, LEAST_NOISE)
 
 
