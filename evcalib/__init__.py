@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from evcalib.errors import EvcalibError, InputError
     from evcalib.events import Events
     from evcalib.heading import estimate_headings
+    from evcalib.imu import ImuSeries
     from evcalib.pipeline import calibrate
     from evcalib.series import HeadingSeries, VelocitySeries
 
@@ -38,6 +39,7 @@ __all__ = [
     "EvcalibError",
     "Events",
     "HeadingSeries",
+    "ImuSeries",
     "InputError",
     "VelocitySeries",
     "align",
@@ -51,6 +53,7 @@ _HOMES = {
     "EvcalibError": "errors",
     "Events": "events",
     "HeadingSeries": "series",
+    "ImuSeries": "imu",
     "InputError": "errors",
     "VelocitySeries": "series",
     "align": "alignment",
@@ -59,7 +62,7 @@ _HOMES = {
 }
 
 _MODULES = (
-    *("camera", "errors", "events", "geometry", "poses", "series"),
+    *("camera", "errors", "events", "geometry", "imu", "poses", "series"),
     *("surfaces", "features", "heading", "kinematics", "alignment", "joint", "pipeline"),
     *("uncertainty", "baselines", "design", "plots", "report", "widgets"),
 )

@@ -10,8 +10,9 @@ A map is a mapping, or a YAML file of one::
     steer_fl: {column: fl_angle, unit: deg, offset: -12.5} # reads 12.5 deg straight ahead
     steer_fr: fr_angle                          # a name alone: in our unit
 
-Our names are ``t``; ``speed_NAME`` and ``steer_NAME`` for each wheel of the vehicle; and, in files
-of velocities, ``vx, vy, vz, yaw_rate``.  A column is a name, or a number (the first is 1) where a
+Our names are ``t``; ``speed_NAME`` and ``steer_NAME`` for each wheel of the vehicle; in files of
+velocities, ``vx, vy, vz, yaw_rate``; and in files of an IMU, ``wx, wy, wz`` and ``ax, ay, az``
+(in m/s^2 or g).  A column is a name, or a number (the first is 1) where a
 file has no header.  In a ``sensor_msgs/JointState`` the columns are joints.
 
 A value is ``(scale * column + offset) * unit``: the offset is in the column's own unit.
@@ -62,9 +63,14 @@ _KINDS = {
     "angle": _TURN,
     "velocity": _SPEED,
     "turning rate": _RATE,
+    "acceleration": {"m/s^2": 1.0, "g": 9.80665},
 }
 _PLAIN = {"t": "time", "yaw_rate": "turning rate"} | dict.fromkeys(("vx", "vy", "vz"), "velocity")
+_PLAIN |= dict.fromkeys(("wx", "wy", "wz"), "turning rate")
+_PLAIN |= dict.fromkeys(("ax", "ay", "az"), "acceleration")
+_NAMES = "vx, vy, vz, yaw_rate, wx, wy, wz, ax, ay, az"
 _OURS = {"time": "s", "wheel speed": "m/s", "angle": "rad", "velocity": "m/s"}
+_OURS |= {"turning rate": "rad/s", "acceleration": "m/s^2"}
 
 RADII = (0.005, 2.0)
 """Wheels of a smaller or larger radius [m] are taken for a mistake of units."""
@@ -344,8 +350,8 @@ def _kind(name: Any) -> str:
     if text in _PLAIN:
         return _PLAIN[text]
     raise InputError(
-        f"{text} is none of t, speed_WHEEL, steer_WHEEL, vx, vy, vz, yaw_rate: our name comes"
-        " first, then the column of the file"
+        f"{text} is none of t, speed_WHEEL, steer_WHEEL, {_NAMES}: our"
+        " name comes first, then the column of the file"
     )
 
 
