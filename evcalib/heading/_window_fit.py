@@ -18,6 +18,7 @@ DISAGREE = "matches disagree"
 NO_PARALLAX = "no parallax: a turn explains the matches"
 UNCERTAIN = "direction uncertain"
 NOT_NEWER = "not newer than the heading before"
+NO_ATTITUDE = "the IMU does not cover it"
 
 # What follows are choices, none of them fitted to data.  Half or double of each gives the same
 # heading of a simulated drive (tests/test_heading_thresholds.py); that standing still, noise and

@@ -13,7 +13,9 @@ from evcalib.heading._keyframes import Counts, Numbered
 from evcalib.heading._matches import KeyframeMatches
 from evcalib.heading._options import HeadingOptions
 from evcalib.heading._result import Found, Gap, HeadingEstimate, collected
-from evcalib.heading._window_fit import NOT_NEWER, TOO_FEW, Fit, fit
+from evcalib.heading._stabilised import at_middle, covered, stabilised
+from evcalib.heading._window_fit import NO_ATTITUDE, NOT_NEWER, TOO_FEW, Fit, fit
+from evcalib.imu import Attitude
 
 K = TypeVar("K", bound=Numbered)
 
@@ -29,6 +31,8 @@ class HeadingWindows(Generic[K]):
         Focal length of the camera [px].
     match : callable
         Matches of two keyframes, the earlier first; None without any.
+    attitude : Attitude, optional
+        How the camera turns: matches are then turned back, those that are kept to their first time.
     on_heading : callable
         Called with the keyframes at hand, the matches of the window and its fit.
     """
@@ -39,10 +43,11 @@ class HeadingWindows(Generic[K]):
         focal: float,
         match: Callable[[K, K], KeyframeMatches | None],
         *,
+        attitude: Attitude | None = None,
         on_heading: Callable[[Sequence[K], KeyframeMatches, Fit], object] = lambda *_: None,
     ) -> None:
         self._options, self._focal = options, focal
-        self._match, self._on_heading = match, on_heading
+        self._match, self._on_heading, self._attitude = match, on_heading, attitude
         self._lag = options.steps // 2 + 1
         self._keyframes: deque[K] = deque(maxlen=2 * self._lag + 1)
         self._next = 0
@@ -87,7 +92,15 @@ class HeadingWindows(Generic[K]):
             self._gaps.append(Gap(t, TOO_FEW))
             return
         matches = KeyframeMatches.pooled(parts)
-        found = fit(matches, self._options, self._focal)
+        kept = straight = matches
+        if self._attitude is not None:
+            matches = covered(matches, self._attitude)
+            if not len(matches):
+                self._gaps.append(Gap(t, NO_ATTITUDE))
+                return
+            kept = stabilised(matches, self._attitude, self._focal)
+            straight = at_middle(kept, self._attitude)
+        found = fit(straight, self._options, self._focal)
         if isinstance(found, Fit) and self._found and found.t <= self._found[-1].t:
             found = NOT_NEWER
         if self._kept is not None:
@@ -95,9 +108,9 @@ class HeadingWindows(Generic[K]):
             own = matches.middle // 2 == centre
             none = np.zeros(int(own.sum()), dtype=np.bool_)
             if isinstance(found, str):
-                self._kept.add(matches[own], none, NO_HEADING)
+                self._kept.add(kept[own], none, NO_HEADING)
             else:
-                self._kept.add(matches[own], found.agreeing[own], len(self._found))
+                self._kept.add(kept[own], found.agreeing[own], len(self._found))
         if isinstance(found, str):
             self._gaps.append(Gap(t, found))
             return

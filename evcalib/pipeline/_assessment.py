@@ -244,7 +244,7 @@ def finish(
         diagnostics,
         _residuals(solution.residuals, headings, joint.R_body_cam),
         curve=joint.curve,
-        verdict=_doubted(
+        verdict=with_doubts(
             replace(verdict, reasons=(how, *verdict.reasons)), doubts_of(joint, headings)
         ),
         settings=aligned.settings,
@@ -277,15 +277,17 @@ def doubts_of(joint: JointRefinement, headings: HeadingSeries) -> tuple[str, ...
     return tuple(doubts)
 
 
-def _doubted(verdict: Verdict, doubts: tuple[str, ...]) -> Verdict:
+def with_doubts(verdict: Verdict, doubts: tuple[str, ...]) -> Verdict:
     """Return the verdict with doubts among its reasons."""
     if not doubts:
         return verdict
     return replace(
         verdict,
-        summary=f"{verdict.summary} But the data contradict the model.",
+        summary=verdict.summary
+        if verdict.doubts
+        else f"{verdict.summary} But the data contradict the model.",
         reasons=(*verdict.reasons, *doubts),
-        doubts=doubts,
+        doubts=(*verdict.doubts, *doubts),
     )
 
 
@@ -304,7 +306,7 @@ def keep(
         rotation_sd=rotation_sd(covariance),
         rotation_radius=rotation.radius,
         residuals=_residuals(aligned.residuals, headings, joint.R_body_cam),
-        verdict=_doubted(aligned.verdict, doubts_of(joint, headings)),
+        verdict=with_doubts(aligned.verdict, doubts_of(joint, headings)),
         joint=joint,
     )
 
