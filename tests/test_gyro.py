@@ -88,3 +88,22 @@ def test_correspondences_are_turned_back_and_forth():
     np.testing.assert_allclose(as_seen(again, new).r2, as_seen(found, old).r2, atol=1e-12)
     rows = {tuple(row) for row in np.round(raw.r2, 9)}
     assert all(tuple(row) in rows for row in np.round(as_seen(found, old).r2[:50], 9))
+
+
+def test_wrong_axes_are_refused_and_the_right_ones_named():
+    drive, imu, _ = drive_of(15, "sweep", vibration=0.4)
+    given = replace(imu, rate=imu.rate[:, [1, 2, 0]])
+    with pytest.raises(InputError, match=r"contradict the gyro.*--imu-rotation=z,x,y\)"):
+        calibrated(drive, given)
+
+
+def test_a_yaw_with_the_wrong_sign_is_told():
+    """A body that yaws and neither tilts nor shakes: matches hardly tell which way it turns."""
+    drive, imu, _ = drive_of(16, yaw=0.3)
+    try:
+        found, _ = calibrated(drive, replace(imu, rate=-imu.rate))
+    except InputError as error:
+        told = str(error)
+    else:
+        told = " ".join(found.verdict.doubts)
+    assert "contradict the gyro" in told or "off the body's z" in told

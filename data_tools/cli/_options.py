@@ -167,7 +167,8 @@ def imu_options(
             option = told[0].replace("_", "-")
             raise InputError(f"--imu-{option} needs an IMU: give --imu auto, or --imu FILE")
         return None
-    return {"source": imu, "R_cam_imu": rotation_of(rotation), **more}
+    rotation_of(rotation)
+    return {"source": imu, "rotation": rotation, **more}
 
 
 Seed = Annotated[int, typer.Option(min=0, help="Seed of everything that is drawn.")]

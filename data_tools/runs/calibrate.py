@@ -16,7 +16,7 @@ from data_tools.recordings import Recording
 from data_tools.runs._inputs import input_file
 from data_tools.runs.folder import RunFolder
 from data_tools.runs.headings import open_with_camera, with_progress
-from data_tools.runs.imu import imu_of
+from data_tools.runs.imu import imu_of, rotation_of
 from evcalib.alignment import Calibration
 from evcalib.errors import InputError
 from evcalib.kinematics import REFUSE_SLIP
@@ -83,7 +83,8 @@ def run_files(
     reading, motion : mapping, optional
         Further options of `open_recording` and of `read_body_velocities`.
     imu : mapping, optional
-        Arguments of `data_tools.runs.imu.imu_of`, ``source`` first, and ``R_cam_imu``.
+        Arguments of `data_tools.runs.imu.imu_of`, ``source`` among them, and ``rotation``, a text
+        that `data_tools.runs.imu.rotation_of` reads.
     on_stage : callable
         Called with the name of each stage as it begins.
     truth : Truth, optional
@@ -161,7 +162,7 @@ def _gyro(events: Recording, imu: Mapping[str, Any] | None) -> tuple[dict[str, A
     if imu is None:
         return {}, []
     options = dict(imu)
-    R_cam_imu = options.pop("R_cam_imu", None)
+    R_cam_imu = rotation_of(options.pop("rotation", None))
     found = imu_of(events, **options)
     return {"imu": found.imu, "R_cam_imu": R_cam_imu}, list(found.notes)
 

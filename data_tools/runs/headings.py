@@ -16,7 +16,7 @@ from tqdm.auto import tqdm
 from data_tools.logs.camera_files import read_camera_file
 from data_tools.recordings import Recording, open_recording
 from data_tools.recordings.formats import SizeUnknown
-from data_tools.runs.imu import imu_of
+from data_tools.runs.imu import imu_of, rotation_of
 from evcalib.camera import Camera
 from evcalib.errors import InputError
 from evcalib.events import Events
@@ -103,8 +103,9 @@ def headings_from_files(
     time_unit, format, origin_us, disorder, stream
         As in :func:`data_tools.recordings.open_recording`.
     imu : mapping, optional
-        Arguments of `data_tools.runs.imu.imu_of`, ``source`` first, and ``R_cam_imu``.  The
-        recording is then read twice: first for the bias of the gyro.
+        Arguments of `data_tools.runs.imu.imu_of`, ``source`` among them, and ``rotation``, a text
+        that `data_tools.runs.imu.rotation_of` reads.  The recording is then read twice: first for
+        the bias of the gyro.
     **options
         As in :func:`evcalib.heading.estimate_headings`.
     """
@@ -130,12 +131,12 @@ def _attitude(
     opened: Recording, lens: Camera, imu: dict[str, Any], options: Mapping[str, Any]
 ) -> Attitude:
     """Return how the gyro says that the camera turns, its bias found from the events."""
-    R = imu.pop("R_cam_imu", None)
+    R = rotation_of(imu.pop("rotation", None))
     found = imu_of(opened, **imu)
     for note in found.notes:
         opened.note(note)
     turn = isinstance(R, str)
-    axes = np.eye(3) if R is None or turn else np.asarray(R)
+    axes = np.eye(3) if R is None or isinstance(R, str) else R
     first = attitude_of(found.imu, axes)
     estimate = estimate_headings(
         with_progress(iter(opened), "reading for the gyro"),
