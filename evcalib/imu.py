@@ -7,7 +7,7 @@ camera is ``Q(t)``, from the camera's axes at t to those at the start.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -216,6 +216,10 @@ BIAS_SD = 0.005
 """Standard deviation [rad/s] of what pitch and roll leave in the mean rate of a drive.  A choice: 3
 degrees over 10 s."""
 
+UNTOLD_SD = 0.05
+"""The same where nothing tells the yaw of the drive, which may be a turn of 30 degrees in 10 s.  A
+choice: the events narrow it down."""
+
 TELLING = 0.1
 """Standard deviation of the axis below which it is told: 6 degrees, or a tenth of the scale."""
 
@@ -238,7 +242,7 @@ def yaw_agreement(
     t : array_like, shape (m,)
         Times [s] on the odometry clock.
     yaw_rate : array_like, shape (m,), optional
-        Of the body [rad/s]; taken not to turn if not told.
+        Of the body [rad/s]; if not told, the mean rate is taken for the bias, with a wide error.
     max_offset : float
         The clocks differ by this at most [s].
 
@@ -249,7 +253,7 @@ def yaw_agreement(
     """
     mean = imu.rate.mean(axis=0)
     if yaw_rate is None:
-        return YawAgreement(mean, BIAS_SD, None, np.inf)
+        return YawAgreement(mean, UNTOLD_SD, None, np.inf)
     times, yaw = np.asarray(t, dtype=np.float64), np.asarray(yaw_rate, dtype=np.float64)
     noise = float(white_noise(yaw[:, None], segments(times, GAP))[0])
     noise *= float(np.sqrt(min(np.median(np.diff(times)) / BLOCK, 1.0)))
@@ -259,7 +263,7 @@ def yaw_agreement(
         if (fit := _yaw_fit(imu, times, yaw, float(offset), noise)) is not None
     ]
     if not fits:
-        return YawAgreement(mean, BIAS_SD, None, np.inf)
+        return YawAgreement(mean, UNTOLD_SD, None, np.inf)
     best = min(fits, key=lambda fit: fit.loss)
     if best.axis_sd < TELLING:
         bias_sd = float(np.hypot(BIAS_SD, best.axis_sd * best.turning))
@@ -305,8 +309,3 @@ BLOCK = 0.1
 
 MEMORY = 0.3
 """Time over which rates of a vehicle go together [s].  A choice of the order of its controllers."""
-
-
-def shifted(imu: ImuSeries, seconds: float) -> ImuSeries:
-    """Return the same samples with `seconds` added to their times."""
-    return replace(imu, t=imu.t + seconds)
