@@ -30,6 +30,13 @@ SCALE, WRONG_SCALE = 0.1, 1.5
 degrees for radians are 57.  Choices: wheels that slip are off by some percent."""
 
 
+FAR = np.radians(60.0)
+"""An axis of yaw so far off the body's z [rad] is told however uncertain the rotation is: a gyro
+with a wrong sign leaves it so, and lets nothing be determined."""
+
+WITHOUT = "Or try it without the IMU: where its axes, signs, unit or clock are wrong, nothing fits."
+
+
 @dataclass(frozen=True, eq=False)
 class Gyro(Shown):
     """What a calibration took from the gyro, and how far that is borne out.
@@ -86,7 +93,7 @@ class Gyro(Shown):
         up = calibration.R_body_cam @ self.R_cam_imu @ (axis / np.linalg.norm(axis))
         apart = float(angle_between(up, np.array([0.0, 0.0, 1.0])))
         sd = float(np.hypot(self.yaw.axis_sd, calibration.rotation_sd))
-        if apart < max(TURNED, SURE * sd):
+        if apart < max(TURNED, min(SURE * sd, FAR)):
             return ()
         return (
             f"Where the wheels turn, the gyro turns about an axis {np.degrees(apart):.1f} deg off"
@@ -182,7 +189,9 @@ def against_events(
 
 def doubted(calibration: RefinedCalibration, gyro: Gyro | None) -> RefinedCalibration:
     """Return a calibration with what the gyro says against it among the doubts of its verdict."""
-    doubts = () if gyro is None else gyro.doubts(calibration)
-    if not doubts:
+    if gyro is None:
         return calibration
-    return replace(calibration, verdict=with_doubts(calibration.verdict, doubts))
+    verdict, doubts = calibration.verdict, gyro.doubts(calibration)
+    if not (calibration.rotation_observable and calibration.offset_observable):
+        verdict = replace(verdict, advice=(*verdict.advice, WITHOUT))
+    return replace(calibration, verdict=with_doubts(verdict, doubts) if doubts else verdict)
