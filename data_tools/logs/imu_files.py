@@ -69,8 +69,8 @@ def read_imu_table(
     if lacking:
         raise InputError(
             f"{path} lacks the column(s) {', '.join(lacking)} of an IMU; it has"
-            f" {', '.join((*table.columns, *table.foreign))}: a column map (--imu-columns) says which"
-            " is which"
+            f" {', '.join((*table.columns, *table.foreign))}: a column map (--imu-columns) says"
+            " which is which"
         )
     table = check_times(only_ours(table, ours) if columns is None else table, max_step=MAX_STEP)
     if notes is not None:
