@@ -55,7 +55,8 @@ def shaken_drive(drive, rng, *, camera, R_body_cam, offset, tilt=0.0, vibration=
     path = shaken(drive, rng, tilt, vibration)
     t = np.arange(np.ceil(max(-offset, 0.0) * RATE), (drive.duration - offset) * RATE) / RATE
     t = t[(t + offset >= 0) & (t + offset <= drive.duration)]
-    found = sighted(path, rng, camera, R_body_cam, corners, lever, t, t + offset)
+    still = lambda when: np.zeros((when.size, 3))  # noqa: E731 (the path itself shakes)
+    found = sighted(path, rng, camera, R_body_cam, corners, lever, still, t, t + offset)
     fault = replace(made.Fault(), yaw_told=told)
     return made.SightingDrive(
         sightings=found,
