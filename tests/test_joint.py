@@ -16,6 +16,7 @@ from evcalib import checks
 from evcalib.errors import InputError
 from evcalib.geometry import LOOKS_FORWARD, rotation_angle, rotation_vector_to_matrix
 from evcalib.joint import Systematic, refine_jointly
+from evcalib.joint._refine import POSITION_BIAS
 from evcalib.joint._solver import Problem, begin, linearise, slope_of_loss
 from evcalib.joint._world_motion import turning_radius, world_motion
 from evcalib.kinematics.velocity_track import velocity_track
@@ -444,7 +445,8 @@ def test_what_all_directions_share_moves_the_position_by_the_radius_of_the_turn(
         ).covariance[4:, 4:]
         for sd in (0.0, 0.01)
     )  # fmt: skip
-    np.testing.assert_allclose(two - one, (0.01 * radius) ** 2 * np.eye(2), atol=1e-9)
+    shared = POSITION_BIAS * 0.01 * radius
+    np.testing.assert_allclose(two - one, shared**2 * np.eye(2), atol=1e-9)
 
 
 def test_the_stated_positions_hold_the_truth():
