@@ -37,7 +37,7 @@ FILLED = 0.25
 STALE = 4.0
 """The projected map is drawn anew when its points have moved by this much [px]."""
 
-KEYFRAME, SWEPT = 0.08, 0.15
+KEYFRAME, SWEPT = 0.15, 0.3
 """A new map is made when typical points have moved by this share of the image's width by a change
 of place, from the events over the second share."""
 
@@ -56,7 +56,7 @@ PATIENCE = 10
 FEWEST_POINTS = 200
 """Fewest points of a map that can be tracked."""
 
-ROUNDS = 3
+ROUNDS = 1
 """How often the bootstrap's events are tracked and mapped in turns."""
 
 
@@ -237,7 +237,7 @@ class _Tracker:
         self._pending = rays[at:], t[at:]
 
     def _track(self, rays: Rays, t: Floats) -> None:
-        middle = 0.5 * float(t[0] + t[-1])
+        middle = float(t.mean())
         guess = self._guess(middle)
         self._refresh(guess)
         found = self._template.locate(event_image(rays, self._view), guess)

@@ -28,7 +28,7 @@ PLANES = 100
 PACKET = 256
 """Events that share a pose."""
 
-WINDOW, MARGIN = 5, 6.0
+WINDOW, MARGIN = 11, 8.0
 """Adaptive threshold: a pixel is kept if its ray density, on a scale to 255, exceeds the mean
 around it (Gaussian, of this side [px]) by this much; EMVS has 5 and 5 to 10."""
 

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from evcalib.arrays import Floats
+from evcalib.arrays import Flags, Floats
 from evcalib.kernels.odometry import tracking as kernels
 from evcalib.kernels.odometry.space_sweep import View
 from evcalib.kernels.odometry.tracking import Limits, Template
@@ -86,22 +86,21 @@ class ProjectedMap:
 
     def __init__(self, points: Floats, pose: Pose, view: View) -> None:
         self.pose, self.view = pose, view
-        nearest = np.zeros((view.height, view.width))
-        kernels.project(points, *pose.from_world(), view, nearest)
-        marked = (nearest > 0).astype(np.float32)
-        self.count = int(marked.sum())
-        self.plain = _smooth(marked)
-        self.image = _levelled(self.plain)
-        self.template = self._template(nearest) if self.count else None
-
-    def _template(self, nearest: Floats) -> Template:
-        view, image = self.view, self.image
-        used = self.plain > FAINT * self.plain.max()
+        marked, inverse = np.zeros((2, view.height, view.width), dtype=np.float32)
+        self.count = kernels.project(points, *pose.from_world(), view, marked, inverse)
+        # Points that fall together are one edge.
+        plain = _smooth(np.minimum(marked, 1.0))
+        self.image = _levelled(plain)
+        depths = _smooth(inverse) / np.maximum(_smooth(marked), 1e-9)
+        used = plain > FAINT * plain.max()
         used[[0, -1]] = used[:, [0, -1]] = False
+        self.template = self._template(used, depths) if self.count else None
+
+    def _template(self, used: Flags, inverses: NDArray[np.float32]) -> Template:
+        view, image = self.view, self.image
         rows, columns = np.nonzero(used)
         # The depth of a pixel beside an edge is that of the edge.
-        inverse = (_smooth(nearest.astype(np.float32)) / np.maximum(self.plain, 1e-9))[used]
-        inverse = np.maximum(inverse.astype(np.float64), 1e-9)
+        inverse = np.maximum(inverses[used].astype(np.float64), 1e-9)
         x, y = (columns - view.cx) / view.fx, (rows - view.cy) / view.fy
         gx = 0.5 * view.fx * (image[rows, columns + 1] - image[rows, columns - 1])
         gy = 0.5 * view.fy * (image[rows + 1, columns] - image[rows - 1, columns])

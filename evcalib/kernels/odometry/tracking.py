@@ -25,6 +25,17 @@ class Limits(NamedTuple):
 
 
 @jit
+def _splat(image, u, v, value):
+    """Share a value among the four pixels around a point that has them."""
+    col, row = int(u), int(v)
+    p, q = u - col, v - row
+    image[row, col] += value * (1.0 - p) * (1.0 - q)
+    image[row, col + 1] += value * p * (1.0 - q)
+    image[row + 1, col] += value * (1.0 - p) * q
+    image[row + 1, col + 1] += value * p * q
+
+
+@jit
 def draw(rays, view, image):
     """Add up events at their undistorted pixels, bilinear.
 
@@ -37,22 +48,15 @@ def draw(rays, view, image):
     image : ndarray of float32, shape (height, width)
         Takes the counts.
     """
-    one = np.float32(1.0)
     for i in range(len(rays)):
         u, v = view.fx * rays[i, 0] + view.cx, view.fy * rays[i, 1] + view.cy
-        if not (0.0 <= u < view.width - 1 and 0.0 <= v < view.height - 1):
-            continue
-        col, row = int(u), int(v)
-        p, q = np.float32(u - col), np.float32(v - row)
-        image[row, col] += (one - p) * (one - q)
-        image[row, col + 1] += p * (one - q)
-        image[row + 1, col] += (one - p) * q
-        image[row + 1, col + 1] += p * q
+        if 0.0 <= u < view.width - 1 and 0.0 <= v < view.height - 1:
+            _splat(image, u, v, 1.0)
 
 
 @jit
-def project(points, R, t, view, nearest):
-    """Mark the pixels that see a point with its inverse depth; the nearest point wins.
+def project(points, R, t, view, image, inverse):
+    """Add up points at their pixels, bilinear, and likewise their inverse depths.
 
     Parameters
     ----------
@@ -62,9 +66,15 @@ def project(points, R, t, view, nearest):
         Take them to the camera's: R X + t.
     view : View
         The camera.
-    nearest : ndarray of float64, shape (height, width)
-        Zeros; takes the largest inverse depth of each pixel.
+    image, inverse : ndarray of float32, shape (height, width)
+        Take the counts, and the inverse depths times the counts.
+
+    Returns
+    -------
+    int
+        Points that are seen.
     """
+    seen = 0
     for i in range(len(points)):
         X = points[i]
         z = R[2, 0] * X[0] + R[2, 1] * X[1] + R[2, 2] * X[2] + t[2]
@@ -72,10 +82,12 @@ def project(points, R, t, view, nearest):
             continue
         x = R[0, 0] * X[0] + R[0, 1] * X[1] + R[0, 2] * X[2] + t[0]
         y = R[1, 0] * X[0] + R[1, 1] * X[1] + R[1, 2] * X[2] + t[1]
-        u, v = view.fx * x / z + view.cx + 0.5, view.fy * y / z + view.cy + 0.5
-        if 0.0 <= u < view.width and 0.0 <= v < view.height:
-            col, row = int(u), int(v)
-            nearest[row, col] = max(nearest[row, col], 1.0 / z)
+        u, v = view.fx * x / z + view.cx, view.fy * y / z + view.cy
+        if 0.0 <= u < view.width - 1 and 0.0 <= v < view.height - 1:
+            _splat(image, u, v, 1.0)
+            _splat(inverse, u, v, 1.0 / z)
+            seen += 1
+    return seen
 
 
 @jit
