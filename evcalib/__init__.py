@@ -60,7 +60,16 @@ _HOMES = {
 
 _MODULES = (
     *("camera", "errors", "events", "geometry", "poses", "series"),
-    *("surfaces", "features", "heading", "kinematics", "alignment", "joint", "pipeline"),
+    *(
+        "surfaces",
+        "features",
+        "heading",
+        "kinematics",
+        "alignment",
+        "odometry",
+        "joint",
+        "pipeline",
+    ),
     *("uncertainty", "baselines", "design", "plots", "report", "widgets"),
 )
 

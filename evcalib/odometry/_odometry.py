@@ -56,8 +56,9 @@ PATIENCE = 10
 FEWEST_POINTS = 200
 """Fewest points of a map that can be tracked."""
 
-ROUNDS = 1
-"""How often the bootstrap's events are tracked and mapped in turns."""
+FLAT = 0.03
+"""Edges lie in one plane if half of their inverse depths are nearer to one than this share of the
+typical inverse depth; the planes of the volume alone scatter them by about a hundredth."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +113,7 @@ class VisualOdometry:
     camera : Camera
         Of the sensor that the events come from.
     seed : int
-        Of the headings that it starts from.
+        Of the matches of corners that it starts from.
     """
 
     def __init__(self, camera: Camera, *, seed: int = 0) -> None:
@@ -166,9 +167,8 @@ class VisualOdometry:
     def _try(self, begin: int) -> None:
         """Look for a start in a stretch; without one, forget its first part."""
         whole = Events.concatenate(self._waiting)
-        found = find_start(
-            whole.between(begin, begin + STRETCH_US), self._lens.camera, self._lens, self._seed
-        )
+        stretch = whole.between(begin, begin + STRETCH_US)
+        found = find_start(stretch, self._lens.camera, self._seed)
         if isinstance(found, Start):
             rays, t = self._lens.rays(whole)
             tracker = _Tracker(self._lens, found, rays, t)
@@ -187,21 +187,29 @@ class _Tracker:
     def __init__(self, lens: Lens, start: Start, rays: Rays, t: Floats) -> None:
         self._view = lens.view
         self.fault, self.lost = "", ""
+        self.maps, self._mapping = 0, False
         self._path = start.poses
         begin, end = start.poses.t[0], start.poses.t[-1]
         inside = slice(*np.searchsorted(t, [begin, end]))
-        middle = Pose(start.poses.matrices[20], start.poses.position[20])
+        half = len(start.poses) // 2
+        middle = Pose(start.poses.matrices[half], start.poses.position[half])
         planes = Planes(0.0, start.last / (PLANES - 1), PLANES)
-        self._set_map(self._swept(rays[inside], t[inside], start.poses, middle, planes))
-        self.maps, self._mapping = 0, False
-        for _ in range(ROUNDS):
-            self._restart()
-            self.update(rays[inside], t[inside])
-            if self.lost or len(self._frames) < MIN_POSES:
-                self.fault = "the camera's way in it does not follow from its first map"
-                return
-            self._new_map()
-            self._path = self._past()
+        first = self._swept(rays[inside], t[inside], start.poses, middle, planes)
+        if len(first) < FEWEST_POINTS:
+            self.fault = (
+                f"too few edges are sharp in it for a map ({len(first)} of {FEWEST_POINTS})"
+            )
+            return
+        if is_flat(first):
+            self.fault = "all edges lie in one plane, before which a turn looks like a motion"
+            return
+        self._set_map(first)
+        self._restart()
+        self.update(rays[inside], t[inside])
+        if self.lost or len(self._frames) < MIN_POSES:
+            self.fault = "its events do not fit the map that is made of them"
+            return
+        self._new_map()
         self._mapping = True
         self.update(rays[inside.stop :], t[inside.stop :])
 
@@ -333,7 +341,7 @@ class _Tracker:
         self.depth, self._points = depth, depth.world_points
         self._reference = Pose(depth.R_world_ref, depth.position)
         self._typical = float(np.median(depth.inverse_depth[depth.mask]))
-        self.maps = getattr(self, "maps", 0) + 1
+        self.maps += 1
 
     def finish(self, events: int, first: float) -> Trajectory:
         """Return the trajectory."""
@@ -353,19 +361,59 @@ class _Tracker:
         )
 
 
+def is_flat(depth: DepthMap) -> bool:
+    """Return whether the edges of a map lie in one plane, whose inverse depth is linear in x, y."""
+    rows, columns = np.nonzero(depth.mask)
+    inverse = depth.inverse_depth[depth.mask]
+    plane = np.stack([columns, rows, np.ones(rows.size)], axis=1).astype(np.float64)
+    off = inverse - plane @ np.linalg.lstsq(plane, inverse, rcond=None)[0]
+    return bool(np.median(np.abs(off)) < FLAT * np.median(inverse))
+
+
 def estimate_trajectory(
     events: Events | Iterable[Events], camera: Camera, *, seed: int = 0
 ) -> Trajectory:
     """Find the way of an event camera from its events alone.
 
+    Mapping: the latest events are rays through a volume of inverse depths, seen from the present
+    pose; where rays meet, there are edges.  Tracking: an image of as many events as the map has
+    points in view is laid on the projected map, over all six unknowns of the pose.  A new map is
+    made when the camera has moved on.  It starts with a straight part of the motion.
+
     Parameters
     ----------
     events : Events or iterable of Events
-        The stream, whole or in pieces; of pieces only one is held at a time.
+        The stream, whole or in pieces; of pieces only one is held at a time, and before the start
+        two seconds more.
     camera : Camera
         Calibrated for the size of the events.
     seed : int
-        Of the headings that it starts from.
+        Of the matches of corners that it starts from.
+
+    Returns
+    -------
+    Trajectory
+        The poses, up to where tracking is lost; the unit of length is that of the first map.
+
+    Raises
+    ------
+    NoAnswerError
+        If there is no start: the recording is too short or too dark, the camera turns or stands
+        still all the time, or all that it sees lies in one plane.
+    InputError
+        If the events do not fit the camera.
+
+    Notes
+    -----
+    Each map is made along the path that the last one gave, so errors add up: the trajectory drifts.
+    Departures from EVO: the start, and images in units of their mean around each pixel, as near
+    edges make more events than far ones and would pull the pose.
+
+    References
+    ----------
+    Rebecq et al., "EVO: A Geometric Approach to Event-Based 6-DOF Parallel Tracking and Mapping in
+    Real Time", RA-L 2(2), 2017.  Rebecq et al., "EMVS: Event-Based Multi-View Stereo", IJCV 126,
+    2018.
     """
     odometry = VisualOdometry(camera, seed=seed)
     if not isinstance(events, Events | Iterable):
