@@ -60,17 +60,8 @@ _HOMES = {
 
 _MODULES = (
     *("camera", "errors", "events", "geometry", "poses", "series"),
-    *(
-        "surfaces",
-        "features",
-        "heading",
-        "kinematics",
-        "alignment",
-        "odometry",
-        "joint",
-        "pipeline",
-    ),
-    *("uncertainty", "baselines", "design", "plots", "report", "widgets"),
+    *("surfaces", "features", "heading", "kinematics", "alignment", "joint", "pipeline"),
+    *("odometry", "uncertainty", "baselines", "design", "plots", "report", "widgets"),
 )
 
 _moved.install(_moved.MOVED)

@@ -36,7 +36,10 @@ def add(image, u, v, value):
 def median_of_marked(values, marked, radius):
     out = np.zeros(values.shape)
     for y, x in zip(*np.nonzero(marked), strict=True):
-        window = (slice(max(y - radius, 0), y + radius + 1), slice(max(x - radius, 0), x + radius + 1))
+        window = (
+            slice(max(y - radius, 0), y + radius + 1),
+            slice(max(x - radius, 0), x + radius + 1),
+        )
         out[y, x] = np.median(values[window][marked[window]])
     return out
 

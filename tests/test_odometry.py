@@ -28,7 +28,7 @@ from evcalib.poses import PoseSeries
 
 VIEW = View(24, 18, 20.0, 21.0, 11.5, 8.5)
 AXIS = np.array([1.0, 0.0079, 0.0166])
-"""Direction of slider_depth in the camera, by four exact transforms of it (tests/slider_drive.py)."""
+"""Direction of slider_depth in the camera, by four exact transforms of the recording."""
 
 
 def random_rays(n, seed=0):
@@ -106,7 +106,9 @@ LARGE = View(120, 90, 90.0, 90.0, 59.5, 44.5)
 
 def test_alignment_takes_the_steps_of_its_twin():
     here = Pose(np.eye(3), np.zeros(3))
-    there = Pose(Rotation.from_rotvec([0.004, -0.006, 0.01]).as_matrix(), np.array([0.01, 0.0, 0.02]))
+    there = Pose(
+        Rotation.from_rotvec([0.004, -0.006, 0.01]).as_matrix(), np.array([0.01, 0.0, 0.02])
+    )
     projected = ProjectedMap(cloud(), here, LARGE)
     image = ProjectedMap(cloud(), there, LARGE).image
     R, t = np.eye(3), np.zeros(3)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from evcalib.arrays import Floats
+from evcalib.arrays import Flags, Floats
 from evcalib.camera import Camera
 from evcalib.events import Events
 from evcalib.kernels.odometry.space_sweep import View
@@ -17,7 +17,7 @@ A choice: the width of a usual sensor of this kind (DAVIS346).
 """
 
 FLATTEST = 0.2
-"""Rays whose direction along the optical axis is less than this have no place in a pinhole image."""
+"""Unit rays that lean so far from the optical axis have no place in a pinhole image."""
 
 Rays = NDArray[np.float32]
 
@@ -47,10 +47,11 @@ class Lens:
         ahead = np.where(bearings[:, 2] > FLATTEST, bearings[:, 2], np.nan)
         plane = (bearings[:, :2] / ahead[:, None]).astype(np.float32)
         self._rays = plane.reshape(camera.height, camera.width, 2)
-        self._seen = np.isfinite(self._rays).all(axis=2)
+        self._seen: Flags = np.asarray(np.isfinite(self._rays).all(axis=2))
 
     def rays(self, events: Events) -> tuple[Rays, Floats]:
         """Return directions (x, y, 1), shape (n, 2), and times [s] of events that have one."""
-        rays, t = self._rays[events.y, events.x], 1e-6 * events.t
-        seen = self._seen[events.y, events.x]
+        rays: Rays = self._rays[events.y, events.x]
+        t: Floats = 1e-6 * events.t.astype(np.float64)
+        seen: Flags = self._seen[events.y, events.x]
         return (rays, t) if seen.all() else (rays[seen], t[seen])

@@ -196,9 +196,7 @@ class _Tracker:
         planes = Planes(0.0, start.last / (PLANES - 1), PLANES)
         first = self._swept(rays[inside], t[inside], start.poses, middle, planes)
         if len(first) < FEWEST_POINTS:
-            self.fault = (
-                f"too few edges are sharp in it for a map ({len(first)} of {FEWEST_POINTS})"
-            )
+            self.fault = f"too few of its edges are sharp ({len(first)} of {FEWEST_POINTS})"
             return
         if is_flat(first):
             self.fault = "all edges lie in one plane, before which a turn looks like a motion"

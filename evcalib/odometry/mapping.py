@@ -114,7 +114,7 @@ def fill_volume(
     rotations, centres = np.ascontiguousarray(R_ref.T @ R), (position - origin) @ R_ref
     lines = np.empty((len(rays), 5), dtype=np.float32)
     kernels.trace(rays, ends, rotations, centres, view, planes, lines)
-    volume = np.zeros((planes.count, view.height, view.width), dtype=np.float32)
+    volume = np.zeros((planes.total, view.height, view.width), dtype=np.float32)
     kernels.vote(lines, volume)
     return volume
 
@@ -129,8 +129,8 @@ def depth_map(
     scaled = np.rint(density * (255.0 / max(float(density.max()), 1e-9))).astype(np.uint8)
     method = cv2.ADAPTIVE_THRESH_GAUSSIAN_C
     kept = cv2.adaptiveThreshold(scaled, 255, method, cv2.THRESH_BINARY, WINDOW, -MARGIN)
-    edge = max(round(BORDER * planes.count), 1)
-    mask = (kept > 0) & (best >= edge) & (best < planes.count - edge)
+    edge = max(round(BORDER * planes.total), 1)
+    mask = (kept > 0) & (best >= edge) & (best < planes.total - edge)
     place = best + _vertex(volume, best)
     smooth = np.zeros(mask.shape)
     kernels.median_of_marked(place, mask, MEDIAN, smooth)

@@ -28,11 +28,11 @@ class View(NamedTuple):
 
 
 class Planes(NamedTuple):
-    """Inverse depths at which a volume is cut: first, first + step, ... (count of them)."""
+    """Inverse depths at which a volume is cut: first, first + step, ... (total of them)."""
 
     first: float
     step: float
-    count: int
+    total: int
 
 
 @jit
@@ -58,7 +58,7 @@ def trace(rays, ends, rotations, centres, view, planes, lines):
     start = 0
     for m in range(ends.size):
         R, C = rotations[m], centres[m]
-        ahead = planes.count
+        ahead = planes.total
         if C[2] > 0.0:
             while ahead > 0 and (planes.first + (ahead - 1) * planes.step) * C[2] >= 1.0:
                 ahead -= 1
