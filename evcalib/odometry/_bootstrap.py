@@ -113,7 +113,7 @@ def _steady_part(kept: Correspondences, begin: float, end: float, camera: Camera
             part = kept.select(inside)
             straight = _fit(part, start, stop, pixel, turns=False)
             turning = _fit(part, start, stop, pixel, turns=True)
-            if straight.agreeing < AGREEING:
+            if turning.agreeing < AGREEING:
                 reason = "its motion is not steady for long enough, or things move by themselves"
             elif straight.agreeing < AS_GOOD * turning.agreeing:
                 reason = "the camera turns in it"
