@@ -96,7 +96,7 @@ class ProjectedMap:
         used[[0, -1]] = used[:, [0, -1]] = False
         self.template = self._template(used, depths) if self.count else None
 
-    def _template(self, used: Flags, inverses: NDArray[np.float32]) -> Template:
+    def _template(self, used: Flags, inverses: NDArray) -> Template:
         view, image = self.view, self.image
         rows, columns = np.nonzero(used)
         # The depth of a pixel beside an edge is that of the edge.
