@@ -37,7 +37,7 @@ FILLED = 0.25
 STALE = 4.0
 """The projected map is drawn anew when its points have moved by this much [px]."""
 
-KEYFRAME, SWEPT = 0.15, 0.3
+KEYFRAME, SWEPT = 0.08, 0.3
 """A new map is made when typical points have moved by this share of the image's width by a change
 of place, from the events over the second share."""
 
@@ -343,6 +343,8 @@ class _Tracker:
 
     def finish(self, events: int, first: float) -> Trajectory:
         """Return the trajectory."""
+        if self._misses and not self.lost:
+            self.lost = f"after {self._t[-1]:.3f} s no event image fits the map"
         poses = PoseSeries(
             np.array(self._t),
             np.array([pose.position for pose in self._poses]),
