@@ -38,9 +38,17 @@ STEP = 0.2
 LEAST_MATCHES, MOST_MATCHES = 40, 600
 """Fewest matches that show a motion, and most that are asked."""
 
-RESIDUAL, AGREEING, AS_GOOD = 1.5, 0.5, 0.9
+RESIDUAL, AGREEING, AS_GOOD = 1.5, 0.8, 0.95
 """Residual of a match that agrees [px]; the share of all matches that has to; and the share, of
 those that agree with a direction and a turn, that has to agree with a direction alone."""
+
+MISFIT, AS_SHARP = 0.005, 1.2
+"""Largest median residual without a turn, as a share of the way of the typical corner, and as a
+multiple of that with a turn.  A turn taken for a sideways motion leaves 1 to 3 % of the way in a
+simulated room where the direction was 27 to 70 degrees off, whatever the fits say of the turn:
+unless it is steady, the fit with a turn is no better.  Straight motions leave 0.3 % there, and on a
+real slider with ways of 0.3.  A likelihood of hundreds of matches is decided by far less than the
+second."""
 
 PARALLAX = 0.03
 """Least way of the typical corner without the turn, as a share of the image's width."""
@@ -67,12 +75,16 @@ class Start:
 
 @dataclass(frozen=True, eq=False)
 class _Motion:
-    """A steady motion from `start` to `end` [s], and the share of matches that it explains."""
+    """A steady motion from `start` to `end` [s], and how well it explains matches.
+
+    `agreeing` is a share of them, `misfit` the median residual of all [px].
+    """
 
     start: float
     end: float
     direction: Floats
     agreeing: float
+    misfit: float
     parallax: float
     last: float
 
@@ -115,8 +127,13 @@ def _steady_part(kept: Correspondences, begin: float, end: float, camera: Camera
             turning = _fit(part, start, stop, pixel, turns=True)
             if turning.agreeing < AGREEING:
                 reason = "its motion is not steady for long enough, or things move by themselves"
-            elif straight.agreeing < AS_GOOD * turning.agreeing:
+            elif (
+                straight.agreeing < AS_GOOD * turning.agreeing
+                or straight.misfit > AS_SHARP * turning.misfit
+            ):
                 reason = "the camera turns in it"
+            elif straight.misfit > MISFIT * way * camera.width:
+                reason = "matches are not sharp enough to tell its motion from a turn"
             elif turning.parallax < PARALLAX * width:
                 reason = "the camera hardly changes its place in it, or turns"
             else:
@@ -156,7 +173,8 @@ def _fit(kept: Correspondences, start: float, end: float, pixel: float, *, turns
     if turns:
         turn = found[2:]
     a, b = turned(turn)
-    good = np.abs(residuals(v, turn)) < RESIDUAL
+    off = np.abs(residuals(v, turn))
+    good = off < RESIDUAL
     flow, span = b - a, np.maximum(s2 - s1, 1e-6)
     if np.median((flow @ v - np.sum(a * flow, axis=1) * (a @ v))[good]) > 0:
         v = -v  # Points in front flow against the motion.
@@ -165,4 +183,5 @@ def _fit(kept: Correspondences, start: float, end: float, pixel: float, *, turns
     near = good & (across > 0.1)
     last = MARGIN * float(np.percentile((shift / across)[near], NEAREST)) if near.any() else 1.0
     parallax = float(np.median(shift[good])) if good.any() else 0.0
-    return _Motion(start, end, v, float(good.mean()), parallax, last)
+    agreeing, misfit = float(good.mean()), float(np.median(off))
+    return _Motion(start, end, v, agreeing, misfit, parallax, last)
