@@ -228,7 +228,7 @@ def trajectory(
     """Follow an event camera through its surroundings by its events alone (visual odometry).
 
     The scale is free, and the trajectory drifts.  If tracking is lost, what came before is written
-    and the exit code is 3.
+    and the exit code is 3; if the poses may be wrong though it was not, the exit code is 4.
     """
     from data_tools.files.atomic import write_file
     from data_tools.logs.trajectory_files import write_tum
@@ -249,6 +249,8 @@ def trajectory(
     common.tell(result.summary, output)
     if result.trajectory.lost:
         raise typer.Exit(common.NO_ANSWER)
+    if result.trajectory.doubts:
+        raise typer.Exit(common.DOUBTS)
 
 
 @app.command()

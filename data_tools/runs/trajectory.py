@@ -57,6 +57,7 @@ def trajectory_from_files(
     ]
     if found.lost:
         lines.append(f"the trajectory ends before the recording: {found.lost}")
+    lines.extend(f"doubted: {doubt}" for doubt in found.doubts)
     lost = [f"{count} x {what}" for what, count in opened.losses.items() if count]
     if lost:
         lines.append("not used of the recording: " + ", ".join(lost))

@@ -22,8 +22,9 @@ from evcalib.odometry.mapping import PLANES, DepthMap, depth_map, fill_volume, p
 from evcalib.odometry.tracking import Pose, ProjectedMap, event_image
 from evcalib.poses import MIN_POSES, PoseSeries
 
-STRETCH_US, STRIDE_US = 2_000_000, 1_000_000
-"""Length of the stretches in which a start is looked for, and from one to the next [us]."""
+STRETCH_US, STRIDE_US, PROOF_US = 2_000_000, 1_000_000, 1_000_000
+"""Length of the stretches in which a start is looked for, from one to the next, and time after a
+stretch over which tracking has to go on from its start [us]."""
 
 FEWEST = 500
 """Fewest events of an event image."""
@@ -49,6 +50,13 @@ NEAR, MARGIN = 95.0, 1.5
 
 AGREES = 0.3
 """Least correlation of an event image with the projected map."""
+
+WEAK = 0.4
+"""With a lower median correlation of the last images the end of a trajectory is doubted; where
+poses are right it is about 0.6."""
+
+CONFIRMED = 3
+"""Fewest maps of a trajectory that is not doubted: the first two are of the start alone."""
 
 PATIENCE = 10
 """After this many images in a row that do not agree, tracking is lost."""
@@ -81,6 +89,8 @@ class Trajectory(Shown):
         Why the trajectory ends before the recording; empty if it does not.
     skipped : float
         Time before the first pose, in which there was no start [s].
+    doubts : tuple of str
+        Why the poses may be wrong though tracking was not lost.
     """
 
     poses: PoseSeries
@@ -90,6 +100,7 @@ class Trajectory(Shown):
     events: int
     lost: str
     skipped: float
+    doubts: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,7 +151,7 @@ class VisualOdometry:
         self._waiting.append(events)
         while self._waiting and self._tracker is None:
             begin = int(self._waiting[0].t[0])
-            if int(self._waiting[-1].t[-1]) < begin + STRETCH_US:
+            if int(self._waiting[-1].t[-1]) < begin + STRETCH_US + PROOF_US:
                 break
             self._try(begin)
 
@@ -170,12 +181,13 @@ class VisualOdometry:
         stretch = whole.between(begin, begin + STRETCH_US)
         found = find_start(stretch, self._lens.camera, self._seed)
         if isinstance(found, Start):
-            rays, t = self._lens.rays(whole)
-            tracker = _Tracker(self._lens, found, rays, t)
-            if not tracker.fault:
+            proof = whole.between(begin, begin + STRETCH_US + PROOF_US)
+            tracker = _Tracker(self._lens, found, *self._lens.rays(proof))
+            if not (tracker.fault or tracker.lost):
+                tracker.update(*self._lens.rays(whole[len(proof) :]))
                 self._tracker, self._waiting = tracker, []
                 return
-            found = tracker.fault
+            found = tracker.fault or tracker.lost
         self._reasons.append(found)
         rest = whole.between(begin + STRIDE_US, int(whole.t[-1]) + 1)
         self._waiting = [rest] if len(rest) else []
@@ -358,7 +370,24 @@ class _Tracker:
             events,
             self.lost,
             float(poses.t[0]) - first,
+            self._doubts(),
         )
+
+    def _doubts(self) -> tuple[str, ...]:
+        doubts = []
+        known = np.array(self._correlation)
+        end = known[np.isfinite(known)][-PATIENCE:]
+        if end.size and np.median(end) < WEAK:
+            doubts.append(
+                f"the last {end.size} event images hardly fit the map (correlation"
+                f" {np.median(end):.2f}): the last poses may be wrong"
+            )
+        if self.maps < CONFIRMED:
+            doubts.append(
+                "no map was made beyond the start: nothing shows that the camera moved straight"
+                " there, and with a turn all poses are wrong"
+            )
+        return tuple(doubts)
 
 
 def is_flat(depth: DepthMap) -> bool:
@@ -384,7 +413,7 @@ def estimate_trajectory(
     ----------
     events : Events or iterable of Events
         The stream, whole or in pieces; of pieces only one is held at a time, and before the start
-        two seconds more.
+        three seconds more.
     camera : Camera
         Calibrated for the size of the events.
     seed : int
