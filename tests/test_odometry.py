@@ -21,7 +21,7 @@ from evcalib.kernels.odometry import tracking as aligning
 from evcalib.kernels.odometry.space_sweep import Planes, View
 from evcalib.odometry import VisualOdometry, estimate_trajectory
 from evcalib.odometry._bootstrap import _steady_part
-from evcalib.odometry._odometry import is_flat
+from evcalib.odometry._odometry import doubts_of, is_flat
 from evcalib.odometry.mapping import DepthMap, space_sweep
 from evcalib.odometry.tracking import Pose, ProjectedMap
 from evcalib.poses import PoseSeries
@@ -159,6 +159,59 @@ def test_a_start_has_the_direction_of_the_motion():
 @pytest.mark.parametrize("v", [np.zeros(3), np.array([0.3, 0.0, 0.0])])
 def test_a_turn_is_no_start(v):
     assert "turn" in _steady_part(flow(np.array([0.1, 0.3, 0.3]), v), 0.0, 2.0, CAMERA)
+
+
+def swaying(n=600, seed=7):
+    """Matches of a camera that goes to the side and turns, but not steadily, in a large room."""
+    rng = np.random.default_rng(seed)
+    t1 = rng.uniform(0, 1.8, n)
+    t2 = t1 + rng.uniform(0.1, 0.2, n)
+    depth = rng.uniform(2.0, 6.0, n)
+    X = np.column_stack([rng.uniform(-0.55, 0.55, (n, 2)) * depth[:, None], depth])
+
+    def seen(t):
+        angle = np.radians([4.0, 5.0, 3.0]) * np.sin(4.0 * t[:, None] + [0.3, 0.2, 1.0])
+        place = np.outer(t, [0.6, 0.2, 0.3])
+        return unit(
+            Rotation.from_rotvec(angle).inv().apply(X - place) + rng.normal(0, 5e-4, (n, 3))
+        )
+
+    whole = np.zeros(n, dtype=np.int64)
+    return Correspondences(seen(t1), seen(t2), t1, t2, whole == 0, whole, whole)
+
+
+def test_an_unsteady_turn_is_no_start():
+    assert isinstance(_steady_part(swaying(), 0.0, 2.0, CAMERA), str)
+
+
+@pytest.mark.slow
+def test_a_simulated_turn_to_the_side_is_no_trajectory():
+    rng = np.random.default_rng(1)
+    phase, pace = rng.uniform(0, 6.28, 6), rng.uniform(0.15, 0.35, 6)
+    t = np.linspace(0.0, 2.4, 481)
+    swing = np.sin(2 * np.pi * pace * t[:, None] + phase)
+    position = [0.4, 0.4, 0.12] * swing[:, :3] + [0, 0, 1.2]
+    turn = Rotation.from_rotvec(np.radians(8) * swing[:, 3:]).as_matrix()
+    scene = furnished_room(position, 1)
+    run = Simulator(
+        Trajectory(t, position, turn), CAMERA, scene, lever=(0.0, 0.0, 0.0), seed=1
+    ).run()
+    with pytest.raises(NoAnswerError, match="no map could be made"):
+        estimate_trajectory(run.events, CAMERA)
+
+
+@pytest.mark.parametrize(
+    ("correlation", "maps", "told"),
+    [
+        ([0.6] * 20, 3, ()),
+        ([0.6] * 20 + [np.nan] + [0.35] * 9, 3, ("hardly fit",)),
+        ([0.6] * 20, 2, ("beyond the start",)),
+    ],
+)
+def test_weak_ends_and_unproven_starts_are_doubted(correlation, maps, told):
+    doubts = doubts_of(correlation, maps)
+    assert len(doubts) == len(told)
+    assert all(word in doubt for word, doubt in zip(told, doubts, strict=True))
 
 
 def test_standing_still_is_no_start():

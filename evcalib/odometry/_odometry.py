@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -165,8 +165,11 @@ class VisualOdometry:
         """
         if not self._events:
             raise InputError("the stream holds no events")
-        if self._tracker is None and self._waiting:
-            self._try(int(self._waiting[0].t[0]))
+        while self._tracker is None and self._waiting:
+            begin, end = int(self._waiting[0].t[0]), int(self._waiting[-1].t[-1])
+            if self._reasons and end - begin < STRIDE_US:
+                break
+            self._try(begin)
         if self._tracker is None:
             raise NoAnswerError(
                 "no map could be made, so there is no trajectory. A start needs a part of up to"
@@ -370,24 +373,26 @@ class _Tracker:
             events,
             self.lost,
             float(poses.t[0]) - first,
-            self._doubts(),
+            doubts_of(self._correlation, self.maps),
         )
 
-    def _doubts(self) -> tuple[str, ...]:
-        doubts = []
-        known = np.array(self._correlation)
-        end = known[np.isfinite(known)][-PATIENCE:]
-        if end.size and np.median(end) < WEAK:
-            doubts.append(
-                f"the last {end.size} event images hardly fit the map (correlation"
-                f" {np.median(end):.2f}): the last poses may be wrong"
-            )
-        if self.maps < CONFIRMED:
-            doubts.append(
-                "no map was made beyond the start: nothing shows that the camera moved straight"
-                " there, and with a turn all poses are wrong"
-            )
-        return tuple(doubts)
+
+def doubts_of(correlation: Sequence[float], maps: int) -> tuple[str, ...]:
+    """Return why poses may be wrong, by the correlation at each of them and the number of maps."""
+    doubts = []
+    known = np.array(correlation)
+    end = known[np.isfinite(known)][-PATIENCE:]
+    if end.size and np.median(end) < WEAK:
+        doubts.append(
+            f"the last {end.size} event images hardly fit the map (correlation"
+            f" {np.median(end):.2f}): the last poses may be wrong"
+        )
+    if maps < CONFIRMED:
+        doubts.append(
+            "no map was made beyond the start: nothing shows that the camera moved straight"
+            " there, and with a turn all poses are wrong"
+        )
+    return tuple(doubts)
 
 
 def is_flat(depth: DepthMap) -> bool:
