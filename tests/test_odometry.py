@@ -161,29 +161,6 @@ def test_a_turn_is_no_start(v):
     assert "turn" in _steady_part(flow(np.array([0.1, 0.3, 0.3]), v), 0.0, 2.0, CAMERA)
 
 
-def swaying(n=600, seed=7):
-    """Matches of a camera that goes to the side and turns, but not steadily, in a large room."""
-    rng = np.random.default_rng(seed)
-    t1 = rng.uniform(0, 1.8, n)
-    t2 = t1 + rng.uniform(0.1, 0.2, n)
-    depth = rng.uniform(2.0, 6.0, n)
-    X = np.column_stack([rng.uniform(-0.55, 0.55, (n, 2)) * depth[:, None], depth])
-
-    def seen(t):
-        angle = np.radians([4.0, 5.0, 3.0]) * np.sin(4.0 * t[:, None] + [0.3, 0.2, 1.0])
-        place = np.outer(t, [0.6, 0.2, 0.3])
-        return unit(
-            Rotation.from_rotvec(angle).inv().apply(X - place) + rng.normal(0, 5e-4, (n, 3))
-        )
-
-    whole = np.zeros(n, dtype=np.int64)
-    return Correspondences(seen(t1), seen(t2), t1, t2, whole == 0, whole, whole)
-
-
-def test_an_unsteady_turn_is_no_start():
-    assert isinstance(_steady_part(swaying(), 0.0, 2.0, CAMERA), str)
-
-
 @pytest.mark.slow
 def test_a_simulated_turn_to_the_side_is_no_trajectory():
     rng = np.random.default_rng(1)
