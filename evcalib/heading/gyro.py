@@ -474,7 +474,11 @@ def corrected(
             error = gyro_error(estimate, attitude, bias_sd=bias_sd, turn_sd=MOUNTED)
             assert error is not None
         # The bias was found in the axes of the camera as these were taken to be.
-        bias, bias_sd = bias + R.T @ error.bias, error.bias_sd
+        # Few directions of travel tell less than the drive's mean: each counts by its certainty.
+        prior, own = bias_sd**2 * np.eye(3), error.covariance[:3, :3]
+        gain = prior @ np.linalg.inv(prior + own)
+        bias = bias + R.T @ gain @ error.bias
+        bias_sd = float(np.sqrt(np.diag(gain @ own).max()))
         how = f"+-{np.degrees(bias_sd):.2f}, by the events"
         if turn and error.told:
             R = rotation_vector_to_matrix(error.seen) @ R
