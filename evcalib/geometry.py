@@ -71,6 +71,26 @@ def angle_between(a: ArrayLike, b: ArrayLike) -> Floats:
     return np.arctan2(cross, np.sum(a * b, axis=-1))
 
 
+def turned_by_yaw(v: Floats, yaw: Floats) -> Floats:
+    """Return vectors turned about Z.
+
+    Parameters
+    ----------
+    v : ndarray, shape (..., 3)
+        Vectors.
+    yaw : ndarray, shape (...)
+        Angles [rad], which broadcast with them.
+
+    Returns
+    -------
+    ndarray, shape (..., 3)
+        In the frame in which the angles are measured.
+    """
+    c, s = np.cos(yaw), np.sin(yaw)
+    x, y, z = v[..., 0], v[..., 1], v[..., 2]
+    return np.stack(np.broadcast_arrays(c * x - s * y, s * x + c * y, z), axis=-1)
+
+
 def unit(v: ArrayLike) -> Floats:
     """Return vectors along the last axis scaled to length 1."""
     v = np.asarray(v, dtype=np.float64)

@@ -6,11 +6,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.integrate import cumulative_trapezoid
 
 from evcalib import checks
 from evcalib.arrays import Flags, Floats, Integers
 from evcalib.display import Shown
 from evcalib.errors import InputError
+from evcalib.geometry import turned_by_yaw
 
 MAX_SPEED = 100.0
 """Speeds above this [m/s] are taken for a mistake of units.
@@ -245,17 +247,15 @@ def dead_reckon(velocities: VelocitySeries) -> Floats:
 
     The trapezoidal rule is used, where the paper has a rectangle; the heading starts at zero.
     """
-    dt = np.diff(velocities.t)
-    yaw = np.zeros(len(velocities))
-    if velocities.yaw_rate is not None:
-        rate = velocities.yaw_rate
-        yaw[1:] = np.cumsum(0.5 * (rate[1:] + rate[:-1]) * dt)
-    c, s = np.cos(yaw), np.sin(yaw)
-    x, y, z = velocities.v.T
-    world = np.stack([c * x - s * y, s * x + c * y, z], axis=1)
-    position = np.zeros_like(world)
-    position[1:] = np.cumsum(0.5 * (world[1:] + world[:-1]) * dt[:, None], axis=0)
-    return position
+    world = turned_by_yaw(velocities.v, yaw_angles(velocities))
+    return cumulative_trapezoid(world, velocities.t, axis=0, initial=0.0)
+
+
+def yaw_angles(velocities: VelocitySeries) -> Floats:
+    """Integrate the yaw rate to angles [rad], shape (n,), from zero; zeros where it is not told."""
+    if velocities.yaw_rate is None:
+        return np.zeros(len(velocities))
+    return cumulative_trapezoid(velocities.yaw_rate, velocities.t, initial=0.0)
 
 
 def segments(t: Floats, gap: float) -> Integers:

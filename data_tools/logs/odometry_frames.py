@@ -12,6 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 from scipy.spatial.transform import Rotation
 
 from evcalib import checks
@@ -195,8 +196,7 @@ class _Comparison:
 
 def _way(t: Floats, v: Floats) -> Floats:
     """Return the integral of v over t, zero at the start."""
-    steps = np.diff(t).reshape((-1,) + (1,) * (v.ndim - 1)) * (v[1:] + v[:-1]) / 2
-    return np.concatenate([np.zeros((1, *v.shape[1:])), np.cumsum(steps, axis=0)])
+    return cumulative_trapezoid(v, t, axis=0, initial=0.0)
 
 
 def _judged(declared: str, frame: str, found: _Comparison) -> str:

@@ -15,7 +15,7 @@ from data_tools.simulation.drives import Drive
 from evcalib import checks
 from evcalib.arrays import Floats
 from evcalib.errors import InputError
-from evcalib.series import VelocitySeries, dead_reckon
+from evcalib.series import VelocitySeries, dead_reckon, yaw_angles
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,9 +81,8 @@ class Trajectory:
         count = int(np.ceil(drive.duration * checks.positive(rate, "rate"))) + 1
         t = np.linspace(0.0, drive.duration, count)
         yaw_rate = drive.yaw_rate(t)
-        position = dead_reckon(VelocitySeries(t, drive.velocity(t), yaw_rate))
-        mean_rate = 0.5 * (yaw_rate[1:] + yaw_rate[:-1])
-        yaw = np.concatenate([[0.0], np.cumsum(mean_rate * np.diff(t))])
+        velocities = VelocitySeries(t, drive.velocity(t), yaw_rate)
+        position, yaw = dead_reckon(velocities), yaw_angles(velocities)
         keep = t >= offset
         if shake is None:
             return cls(t[keep] - offset, position[keep], yaw[keep])

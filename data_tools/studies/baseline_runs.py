@@ -17,7 +17,7 @@ from evcalib.baselines import METHODS, TRAJECTORY_METHODS, RivalInput, calibrate
 from evcalib.errors import EvcalibError, InputError
 from evcalib.geometry import matrix_to_rpy, rotation_angle
 from evcalib.poses import GAP, PoseSeries
-from evcalib.series import HeadingSeries, VelocitySeries
+from evcalib.series import HeadingSeries, VelocitySeries, yaw_angles
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,11 +50,7 @@ def body_poses(velocities: VelocitySeries) -> PoseSeries:
     closed = VelocitySeries(
         _without_gaps(velocities.t), velocities.v, velocities.yaw_rate, velocities.frame
     )
-    yaw = np.zeros(len(closed))
-    if closed.yaw_rate is not None:
-        rate = closed.yaw_rate
-        yaw[1:] = np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(closed.t))
-    turn = Rotation.from_rotvec(np.outer(yaw, [0.0, 0.0, 1.0])).as_matrix()
+    turn = Rotation.from_rotvec(np.outer(yaw_angles(closed), [0.0, 0.0, 1.0])).as_matrix()
     return PoseSeries(velocities.t, dead_reckon(closed), turn)
 
 

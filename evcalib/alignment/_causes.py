@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
-
 from evcalib.alignment._stream_pair import StreamPair
 from evcalib.alignment.offset import find_offset
 from evcalib.alignment.offset_refinement import refine_offset
 from evcalib.alignment.registration import Solution
 from evcalib.errors import InputError
+from evcalib.geometry import turned_by_yaw
 from evcalib.kinematics.velocity_track import velocity_track
-from evcalib.series import HeadingSeries, VelocitySeries
+from evcalib.series import HeadingSeries, VelocitySeries, yaw_angles
 
 CLEARER = 3.0
 """How many times as many log-likelihood units as the data as given a cause must bring to be named,
@@ -63,7 +62,7 @@ def _tried(
 
 def _suspects(velocities: VelocitySeries) -> list[tuple[str, VelocitySeries]]:
     """Return advice, and the velocities as they would be if its cause were undone."""
-    told, t, v = [], velocities.t, velocities.v
+    told, v = [], velocities.v
     for factor in (1000.0, 100.0):
         for axis, name in ((0, "forward"), (1, "sideways")):
             # Directions are the same if the other speed is divided, and speeds stay within bounds.
@@ -76,16 +75,12 @@ def _suspects(velocities: VelocitySeries) -> list[tuple[str, VelocitySeries]]:
             ))  # fmt: skip
     yaw_rate = velocities.yaw_rate
     if yaw_rate is not None and yaw_rate.any():
-        steps = 0.5 * (yaw_rate[1:] + yaw_rate[:-1]) * np.diff(t)
-        yaw = np.concatenate([[0.0], np.cumsum(steps)])
+        yaw = yaw_angles(velocities)
         for sign, advice in (
             (-1, "The headings do agree if the velocities are turned back by the yaw: are they in"
                  " the frame of the ground (--twist-frame ground)?"),
             (1, "The headings do agree if the velocities are turned on by the yaw: are they in the"
                 " body frame already, or has the yaw rate the wrong sign?"),
         ):  # fmt: skip
-            c, s = np.cos(sign * yaw), np.sin(sign * yaw)
-            x, y, z = v.T
-            turned = np.stack([c * x - s * y, s * x + c * y, z], axis=1)
-            told.append((advice, replace(velocities, v=turned)))
+            told.append((advice, replace(velocities, v=turned_by_yaw(v, sign * yaw))))
     return told

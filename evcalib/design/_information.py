@@ -22,6 +22,7 @@ from scipy.linalg import solveh_banded
 
 from evcalib.arrays import Floats, Integers
 from evcalib.errors import InputError
+from evcalib.geometry import turned_by_yaw
 from evcalib.joint import NO_YAW_RATE, Systematic
 from evcalib.series import VelocitySeries, dead_reckon
 
@@ -204,13 +205,6 @@ def _motion(velocities: VelocitySeries, position: Floats) -> _Motion:
     return _Motion(t, yaw, rate, v, acceleration, path)
 
 
-def _turned(yaw: Floats, v: Floats) -> Floats:
-    """Return vectors (..., 3) turned about the vertical."""
-    c, s = np.cos(yaw), np.sin(yaw)
-    x, y = v[..., 0], v[..., 1]
-    return np.stack(np.broadcast_arrays(c * x - s * y, s * x + c * y, v[..., 2]), axis=-1)
-
-
 def _derivatives(motion: _Motion, first: Integers, viewing: Viewing, speed: bool) -> Floats:
     """Return how observations change with all unknowns, (n, bearings, times, 2, columns).
 
@@ -220,12 +214,12 @@ def _derivatives(motion: _Motion, first: Integers, viewing: Viewing, speed: bool
     rows = np.add.outer(first, np.arange(OBSERVATIONS + 1))
     yaw = motion.yaw[rows] - motion.yaw[first][:, None]
     back = -motion.yaw[first][:, None]
-    D = _turned(back, motion.path[rows] - motion.path[first][:, None])
-    v, rate = _turned(yaw, motion.v[rows]), motion.rate[rows]
+    D = turned_by_yaw(motion.path[rows] - motion.path[first][:, None], back)
+    v, rate = turned_by_yaw(motion.v[rows], yaw), motion.rate[rows]
     moved = v - v[:, :1] - rate[:, :1, None] * np.cross(UP, D)
     # From here on (n, bearings, times, 3).
     D, v, moved, pull = (some[:, None] for some in (D, v, moved, motion.acceleration[rows]))
-    turns = [_turned(yaw, axis)[:, None] for axis in np.eye(3)]
+    turns = [turned_by_yaw(axis, yaw)[:, None] for axis in np.eye(3)]
     u = viewing.bearings[:, None]
     near = np.resize([SPREAD, SPREAD[::-1]], len(u))[:, None, None] / viewing.distance
     spin = np.cross(UP, u)

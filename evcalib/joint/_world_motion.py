@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 
+from evcalib.geometry import turned_by_yaw
 from evcalib.kernels.joint.observation_model import WorldMotion
 from evcalib.kernels.kinematics import velocity_track as track_kernel
 from evcalib.kinematics.velocity_track import VelocityTrack, smoothed
@@ -38,10 +40,8 @@ def world_motion(velocities: VelocitySeries, track: VelocityTrack) -> WorldMotio
     yaw, v = np.zeros(track.t.size), smoothed(track, track.raw, SMOOTHED)
     if velocities.yaw_rate is not None:
         rate = smoothed(track, velocities.yaw_rate[:, None], SMOOTHED)[:, 0]
-        yaw[1:] = np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(track.t))
-    c, s = np.cos(yaw), np.sin(yaw)
-    x, y, z = v.T
-    v = np.stack([c * x - s * y, s * x + c * y, z], axis=1)
+        yaw = cumulative_trapezoid(rate, track.t, initial=0.0)
+    v = turned_by_yaw(v, yaw)
     slope, path = track_kernel.slopes(track.t, v), track_kernel.integrate(track.t, v, track.segment)
     return WorldMotion(track.t, v, slope, path, yaw, track.segment)
 

@@ -7,6 +7,7 @@ from contextlib import AbstractContextManager
 from dataclasses import replace
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 
 from evcalib.alignment import Calibration, OffsetAnswer, RotationAnswer, align, unknown_axis
 from evcalib.alignment.verdict import judge
@@ -143,8 +144,7 @@ def _headings(
     """Return headings without turning, and the velocities of the camera's place."""
     assert velocities.yaw_rate is not None
     rate = smoothed(track, velocities.yaw_rate[:, None])[:, 0]
-    yaw = np.zeros(rate.size)
-    yaw[1:] = np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(track.t))
+    yaw = cumulative_trapezoid(rate, track.t, initial=0.0)
 
     def turned(t: Floats) -> Floats:
         return np.interp(t + joint.offset, track.t, yaw)

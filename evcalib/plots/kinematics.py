@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from evcalib.arrays import Floats
 from evcalib.kinematics import BodyVelocities, Mecanum, Vehicle, WheelStates
 from evcalib.plots import style
-from evcalib.series import VelocitySeries
+from evcalib.series import VelocitySeries, dead_reckon, yaw_angles
 
 SECONDS = 0.3
 """A velocity is drawn as the way it goes in this time [s]."""
@@ -177,18 +177,14 @@ def draw_claimed_path(ax: Axes, velocities: VelocitySeries, *, marks: int = 12) 
     marks : int
         At so many places a short line shows where the body's front is.
     """
-    t, v = velocities.t, velocities.v[:, :2]
-    rate = np.zeros(t.size) if velocities.yaw_rate is None else velocities.yaw_rate
-    yaw = np.append(0.0, np.cumsum(np.diff(t) * (rate[1:] + rate[:-1]) / 2))
-    c, s = np.cos(yaw), np.sin(yaw)
-    world = np.stack([c * v[:, 0] - s * v[:, 1], s * v[:, 0] + c * v[:, 1]], axis=1)
-    steps = np.diff(t)[:, None] * (world[1:] + world[:-1]) / 2
-    path = np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
+    t, yaw = velocities.t, yaw_angles(velocities)
+    ahead = np.stack([np.cos(yaw), np.sin(yaw)], axis=1)
+    path = dead_reckon(velocities)[:, :2]
     middle = (path.max(axis=0) + path.min(axis=0)) / 2
     reach = max(0.58 * float(np.ptp(path, axis=0).max()), 0.1)
     ax.plot(*_on_page(path).T, color=style.BODY, lw=1.6)
     for k in np.linspace(0, t.size - 1, marks).astype(int):
-        front = np.stack([path[k], path[k] + 0.12 * reach * np.array([c[k], s[k]])])
+        front = np.stack([path[k], path[k] + 0.12 * reach * ahead[k]])
         ax.plot(*_on_page(front).T, color=style.MEASURED, lw=2.5, zorder=4)
         ax.plot(*_on_page(path[k]), "o", color=style.BODY, ms=7 if k == 0 else 3, zorder=5)
     ax.set(xlim=(middle[1] + reach, middle[1] - reach), ylim=(middle[0] - reach, middle[0] + reach))
