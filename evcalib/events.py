@@ -203,6 +203,34 @@ class Events(Shown):
         return self[int(start) : int(stop)]
 
 
+def require_next(events: Events, shape: tuple[int, int], now_us: int, what: str) -> None:
+    """Require the next events of a stream that `what` takes in pieces.
+
+    Parameters
+    ----------
+    events : Events
+        The piece.
+    shape : tuple of int
+        Height and width of the sensor [px].
+    now_us : int
+        Time of the last event taken in [us].
+    what : str
+        Who takes them, for the message.
+
+    Raises
+    ------
+    InputError
+        If the sensor size differs or time goes back.
+    """
+    checks.instance(events, "events", Events)
+    if events.shape != shape:
+        raise InputError(f"the {what} was made for {shape}, the events have {events.shape}")
+    if len(events) and events.t[0] < now_us:
+        raise InputError(
+            f"events start at {events.t[0]} us, before the {now_us} us already taken in"
+        )
+
+
 def _fill(events: Events, **values: object) -> Events:
     """Set the attributes of a frozen instance; arrays become read-only views."""
     for name, value in values.items():

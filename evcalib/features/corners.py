@@ -8,7 +8,7 @@ import numpy as np
 from evcalib import checks
 from evcalib.arrays import Flags
 from evcalib.errors import InputError
-from evcalib.events import Events
+from evcalib.events import Events, require_next
 from evcalib.kernels.events import EventColumns
 from evcalib.kernels.features import corners as kernels
 from evcalib.surfaces import Tos
@@ -73,17 +73,10 @@ class ArcStar:
         InputError
             If the sensor size differs or time goes back.
         """
-        if events.shape != self.shape:
-            raise InputError(
-                f"the detector was made for {self.shape}, the events have {events.shape}"
-            )
+        require_next(events, self.shape, self._now, "detector")
         flags = np.zeros(len(events), dtype=np.bool_)
         if not len(events):
             return flags
-        if events.t[0] < self._now:
-            raise InputError(
-                f"events start at {events.t[0]} us, before the {self._now} us already taken in"
-            )
         columns = EventColumns.of(events)
         kernels.arc_star(columns, self._last, self._sae, self._filter_us, self._circles, flags)
         self._now = int(events.t[-1])

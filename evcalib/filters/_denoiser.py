@@ -11,7 +11,7 @@ from evcalib import checks
 from evcalib.arrays import Flags
 from evcalib.display import Shown
 from evcalib.errors import InputError
-from evcalib.events import Events
+from evcalib.events import Events, require_next
 from evcalib.filters import _noise_rate as rates
 from evcalib.filters._flicker import FlickerMeter
 from evcalib.kernels.events import EventColumns
@@ -180,18 +180,10 @@ class Denoiser:
         InputError
             If the sensor size differs or time goes back.
         """
-        checks.instance(events, "events", Events)
-        if events.shape != self.shape:
-            raise InputError(
-                f"the filter was made for {self.shape}, the events have {events.shape}"
-            )
+        require_next(events, self.shape, self._now, "filter")
         stay = np.ones(len(events), dtype=np.bool_)
         if not len(events):
             return stay
-        if events.t[0] < self._now:
-            raise InputError(
-                f"events start at {events.t[0]} us, before the {self._now} us already taken in"
-            )
         done = 0
         while done < len(events):
             period, since = divmod(int(events.t[done]), PERIOD_US)
