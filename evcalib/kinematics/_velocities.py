@@ -23,7 +23,7 @@ WARN_SLIP, REFUSE_SLIP = 1 / 10, 1 / 3
 A choice between what was measured: real mecanum wheels 0.6 % (`pytest tests/test_real_wheels.py`);
 a steering zero of 3 deg in one wheel of four 2 %, steering in degrees or any zeros 40 to 90 %
 (`pytest tests/test_slip.py`).  Three omni wheels never contradict each other."""
-CREEP = {"Omni": np.radians(1.5), "Mecanum": np.radians(4.5)}
+CREEP = {Omni: np.radians(1.5), Mecanum: np.radians(4.5)}
 """Error [rad], sd, that all directions of vehicles on rollers share, by kind; 0 for others.  Real
 wheel logs against motion capture (`data/wheels/optiodom`): the mean direction is off by -2.3 to
 +2.4 deg for three omni wheels and by -1.4 to -6.8 for four mecanum wheels, which creep along their
@@ -157,9 +157,7 @@ def body_velocities(
             v,
             twist.yaw_rate,
             frame="body",
-            direction_sd=max(
-                share if share > WARN_SLIP else 0.0, CREEP.get(type(vehicle).__name__, 0.0)
-            ),
+            direction_sd=max(share if share > WARN_SLIP else 0.0, CREEP.get(type(vehicle), 0.0)),
         ),
         slip=twist.slip,
         rows=len(v),
