@@ -13,10 +13,7 @@ from evcalib.arrays import Flags, Floats
 from evcalib.kernels.alignment import offset as kernel
 from evcalib.kinematics.velocity_track import VelocityTrack
 from evcalib.series import HeadingSeries
-from evcalib.uncertainty import NoiseModel, peak_of_parabola
-
-WHITE = NoiseModel(0.0, 1.0)
-"""Noise without memory."""
+from evcalib.uncertainty import WHITE, NoiseModel, peak_of_parabola
 
 
 @dataclass(frozen=True, eq=False)

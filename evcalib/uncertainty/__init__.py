@@ -12,6 +12,7 @@ from evcalib.uncertainty._covariance import (
     t_quantile,
 )
 from evcalib.uncertainty._noise import (
+    WHITE,
     NoiseModel,
     coloured_noise,
     fit_noise,
@@ -23,6 +24,7 @@ from evcalib.uncertainty._peak import peak_of_parabola
 
 __all__ = [
     "UNKNOWN",
+    "WHITE",
     "Agreement",
     "JointCovariance",
     "NoiseModel",

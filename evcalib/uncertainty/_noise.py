@@ -45,15 +45,21 @@ class NoiseModel:
         alone = float(np.sum(weights**2))
         if alone == 0:
             return 1.0
-        scores = np.ascontiguousarray(weights[:, :, None], dtype=np.float64)
-        shared = kernel.correlated_information(t, scores, self.share, self.memory)[0, 0]
-        return max(float(shared) / alone, 1.0)
+        return max(self._spread(t, weights) / alone, 1.0)
 
     def independent(self, t: Floats, weight: Floats) -> float:
         """Return how many independent samples the weighted mean over times `t` is worth."""
-        scores = np.ascontiguousarray(weight[:, None, None], dtype=np.float64)
-        spread = float(kernel.correlated_information(t, scores, self.share, self.memory)[0, 0])
-        return float(weight.sum()) ** 2 / max(spread, 1e-300)
+        return float(weight.sum()) ** 2 / max(self._spread(t, weight[:, None]), 1e-300)
+
+    def _spread(self, t: Floats, weights: Floats) -> float:
+        """Return the variance of a weighted sum of noise of variance 1."""
+        scores = np.ascontiguousarray(weights[:, :, None], dtype=np.float64)
+        shared = kernel.correlated_information(t, scores, self.share, self.memory)
+        return float(shared[0, 0])
+
+
+WHITE = NoiseModel(0.0, 1.0)
+"""Noise without memory."""
 
 
 def fit_noise(t: Floats, noise: Floats, fitted: Floats | None = None) -> NoiseModel:
@@ -76,7 +82,7 @@ def fit_noise(t: Floats, noise: Floats, fitted: Floats | None = None) -> NoiseMo
     """
     noise = np.ascontiguousarray(noise)
     if t.size < 8 or not np.any(noise):
-        return NoiseModel(0.0, 1.0)
+        return WHITE
     fitted = np.ones((t.size, 1)) if fitted is None else fitted
     basis, sizes, _ = np.linalg.svd(fitted, full_matrices=False)
     basis = np.ascontiguousarray(basis[:, sizes > 1e-9 * sizes[0]])
@@ -106,7 +112,7 @@ def fit_noise(t: Floats, noise: Floats, fitted: Floats | None = None) -> NoiseMo
     if best - mixed.fun > 0.5 * stats.chi2.ppf(0.95, 1):
         share, memory, best = float(mixed.x[0]), float(np.exp(mixed.x[1])), float(mixed.fun)
     if best > loss(0.0, 0.0):
-        return NoiseModel(0.0, 1.0)
+        return WHITE
     return NoiseModel(share, memory)
 
 
