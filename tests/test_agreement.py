@@ -14,8 +14,9 @@ from data_tools.simulation.streams import Noise, simulate
 from data_tools.studies.sighting_drives import sight
 from data_tools.studies.sightings import Corners
 from evcalib.alignment import align
+from evcalib.alignment._answers import OffsetAnswer, RotationAnswer
 from evcalib.alignment.observability import HEADING_BIAS, DirectionSpread
-from evcalib.alignment.verdict import CONTRADICTED, DISAGREE
+from evcalib.alignment.verdict import CONTRADICTED, DISAGREE, judge
 from evcalib.camera import Camera
 from evcalib.errors import InputError
 from evcalib.geometry import LOOKS_FORWARD, rotation_angle, rotation_vector_to_matrix
@@ -23,16 +24,16 @@ from evcalib.joint import SURE
 from evcalib.kinematics import Mecanum, WheelLog, body_velocities
 from evcalib.kinematics.velocity_track import velocity_track
 from evcalib.pipeline import calibrate_estimate
-from evcalib.pipeline._agreement import (
+from evcalib.pipeline._assessment import TURNING, finish, keep
+from evcalib.pipeline._stage_agreement import (
     GROSS,
     OFFSET_BIAS,
     OFFSETS_APART,
     ROTATIONS_APART,
     STRAINED,
-    Agreement,
+    StageAgreement,
     strain,
 )
-from evcalib.pipeline._assessment import TURNING, finish, keep
 from evcalib.series import HeadingSeries, VelocitySeries
 from evcalib.uncertainty import rotation_radius
 
@@ -76,17 +77,27 @@ def test_a_clean_drive_agrees_and_has_no_doubt(clean):
     assert found.agreement.offset < OFFSETS_APART
 
 
+def test_what_was_tried_for_headings_says_nothing_where_a_refinement_is_backed(clean):
+    *_, found = clean
+    offset = OffsetAnswer(found.offset, found.offset, found.offset_sd, observable=True)
+    rotation = RotationAnswer(found.R_body_cam, found.rotation_covariance, determined=True)
+    agrees = replace(found.diagnostics, agrees=True)
+    tried = replace(agrees, cause="The speeds of one axis are in other units.")
+    assert judge(tried, offset, rotation) == judge(agrees, offset, rotation)
+    assert judge(replace(tried, agrees=False), offset, rotation).summary == DISAGREE
+
+
 def test_distances_are_in_standard_deviations_of_both_and_of_what_headings_share(clean):
     *_, found = clean
     joint = replace(found.joint, covariance=1e-4 * np.eye(4))
     apart = np.array([0.01, -0.02, 0.03])
     R = rotation_vector_to_matrix(apart) @ joint.R_body_cam
     aligned = replace(found, offset=joint.offset + 0.05, offset_sd=0.02, offset_observable=True)
-    seen = Agreement.of(R, 3e-4 * np.eye(3), joint, WIDE, aligned)
+    seen = StageAgreement.of(R, 3e-4 * np.eye(3), joint, WIDE, aligned)
     assert seen.rotation == pytest.approx(apart @ apart / (4e-4 + HEADING_BIAS**2))
     assert seen.rotation_apart == pytest.approx(np.linalg.norm(apart))
     assert seen.offset == pytest.approx(0.05 / np.sqrt(0.02**2 + 1e-4 + OFFSET_BIAS**2))
-    assert Agreement.of(R, 3e-4 * np.eye(3), joint, WIDE).offset == 0
+    assert StageAgreement.of(R, 3e-4 * np.eye(3), joint, WIDE).offset == 0
 
 
 def test_what_headings_share_turns_parallel_ones_about_their_axis(clean):
@@ -94,7 +105,7 @@ def test_what_headings_share_turns_parallel_ones_about_their_axis(clean):
     joint = replace(found.joint, covariance=1e-8 * np.eye(4))
     narrow = replace(WIDE, spread=0.1)
     about, across = (
-        Agreement.of(
+        StageAgreement.of(
             rotation_vector_to_matrix(turn) @ joint.R_body_cam, 0 * np.eye(3), joint, narrow
         )
         for turn in 0.05 * np.eye(3)[:2]
@@ -166,12 +177,12 @@ def test_strain_is_the_sum_of_squares_of_what_each_check_says(clean):
     joint = clean[-1].joint
     none = replace(joint.drift, z=0.0)
     quiet = replace(joint, drift=none, distortion=none, turning=0.0, lag=0.0)
-    calm = Agreement(0.0, 0.0, 0.0, 0.0)
+    calm = StageAgreement(0.0, 0.0, 0.0, 0.0)
     assert strain(quiet, calm, TURNING) == pytest.approx(0.0, abs=1e-12)
     loud = replace(quiet, drift=replace(none, z=1.0), turning=TURNING, lag=0.2)
     assert strain(loud, calm, TURNING) == pytest.approx(1 + SURE**2 + 4)
     # A chi-square of three that is as rare as two standard deviations counts as two.
-    rare = Agreement(float(stats.chi2.isf(2 * stats.norm.sf(2.0), 3)), 0.0, 1.5, 0.0)
+    rare = StageAgreement(float(stats.chi2.isf(2 * stats.norm.sf(2.0), 3)), 0.0, 1.5, 0.0)
     assert strain(quiet, rare, TURNING) == pytest.approx(4 + 1.5**2)
 
 
@@ -187,7 +198,7 @@ def test_many_checks_that_are_each_just_missed_make_a_doubt(finished):
     )
     (doubt,) = finish(aligned, just, *rest).verdict.doubts
     assert "together more than one drive in 300" in doubt
-    assert strain(just, Agreement(0.0, 0.0, 0.0, 0.0), TURNING) > STRAINED
+    assert strain(just, StageAgreement(0.0, 0.0, 0.0, 0.0), TURNING) > STRAINED
 
 
 # Odometry ---------------------------------------------------------------------------------------

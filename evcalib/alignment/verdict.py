@@ -172,7 +172,7 @@ def judge(diagnostics: Diagnostics, offset: OffsetAnswer, rotation: RotationAnsw
         Without doubts, which come from later stages.
     """
     agreement = _about_agreement(diagnostics)
-    if diagnostics.cause:
+    if diagnostics.cause and not diagnostics.agrees:
         # What else does not fit follows from the same cause.
         return Verdict(DISAGREE, *(tuple(some) for some in agreement))
     said = (

@@ -27,7 +27,7 @@ from evcalib.arrays import Floats
 from evcalib.display import Rows
 from evcalib.joint import SURE, JointRefinement
 from evcalib.kinematics.velocity_track import VelocityTrack
-from evcalib.pipeline._agreement import STRAINED, Agreement, strain
+from evcalib.pipeline._stage_agreement import STRAINED, StageAgreement, strain
 from evcalib.pipeline._turning import yaw_rate_changes
 from evcalib.series import HeadingSeries, VelocitySeries
 from evcalib.uncertainty import UNKNOWN, rotation_sd, t_quantile
@@ -61,7 +61,7 @@ class RefinedCalibration(Calibration):
     ----------
     joint : JointRefinement, optional
         The refinement; None where there was none, or it was not believed.
-    agreement : Agreement, optional
+    agreement : StageAgreement, optional
         How far it is from the alignment.
     position : ndarray, shape (3,)
         Where the camera sits in the body frame [m]: as the turning of the body shows it, else as it
@@ -76,7 +76,7 @@ class RefinedCalibration(Calibration):
     """
 
     joint: JointRefinement | None = None
-    agreement: Agreement | None = None
+    agreement: StageAgreement | None = None
     position: Floats = field(default_factory=lambda: np.full(3, np.nan))
     position_sd: Floats = field(default_factory=lambda: np.full(3, np.inf))
     position_observable: tuple[bool, bool] = (False, False)
@@ -221,7 +221,7 @@ def finish(
     given_offset = solution.covariance.rotation_given_offset
     # The offset of headings whose turning was taken out at the refinement's is no second opinion.
     apart = None if turning else aligned
-    agreement = Agreement.of(seen, given_offset, joint, spread, apart)
+    agreement = StageAgreement.of(seen, given_offset, joint, spread, apart)
     # Turns that the odometry tells move a camera as the headings' alignment does not count.
     backed = solution.agrees or joint.inlier_share >= MAJORITY
     believed = backed and not agreement.gross
@@ -302,7 +302,7 @@ def _with_distortion(found: RefinedCalibration, joint: JointRefinement) -> Refin
 
 
 def doubts_of(
-    joint: JointRefinement, headings: HeadingSeries, agreement: Agreement
+    joint: JointRefinement, headings: HeadingSeries, agreement: StageAgreement
 ) -> tuple[str, ...]:
     """Return what the observations say against the model, in words."""
     doubts = [*agreement.doubts()]
@@ -343,7 +343,7 @@ def keep(
     rotation = RotationAnswer(joint.R_body_cam, covariance, samples)
     before = aligned.diagnostics
     seen = aligned.R_body_cam if before.agrees else None
-    agreement = Agreement.of(seen, aligned.rotation_covariance, joint, before.spread)
+    agreement = StageAgreement.of(seen, aligned.rotation_covariance, joint, before.spread)
     verdict, contradicted = aligned.verdict, {}
     if agreement.gross:
         verdict = Verdict(CONTRADICTED, verdict.reasons, ())

@@ -37,7 +37,7 @@ add as much as one more (mean of the campaign's clean drives: 3.5, tests/README.
 
 
 @dataclass(frozen=True, eq=False)
-class Agreement(Shown):
+class StageAgreement(Shown):
     """How far alignment and refinement are apart.
 
     Attributes
@@ -67,7 +67,7 @@ class Agreement(Shown):
         joint: JointRefinement,
         spread: DirectionSpread,
         aligned: Calibration | None = None,
-    ) -> Agreement:
+    ) -> StageAgreement:
         """Compare the rotation of headings with a refinement's, and the offsets where both have.
 
         Parameters
@@ -123,7 +123,7 @@ class Agreement(Shown):
         return tuple(said)
 
 
-def strain(joint: JointRefinement, agreement: Agreement, turning: float) -> float:
+def strain(joint: JointRefinement, agreement: StageAgreement, turning: float) -> float:
     """Return how much all checks of the model say against it together, as a chi-square.
 
     The sum of the squares of what each says in standard deviations: errors that many checks see,
@@ -133,7 +133,7 @@ def strain(joint: JointRefinement, agreement: Agreement, turning: float) -> floa
     ----------
     joint : JointRefinement
         Its drift, distortion, turning and lag.
-    agreement : Agreement
+    agreement : StageAgreement
         With the headings.
     turning : float
         Untold yaw rate [rad/s] that counts as `SURE` standard deviations.
