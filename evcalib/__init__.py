@@ -64,7 +64,7 @@ _HOMES = {
 _MODULES = (
     *("camera", "errors", "events", "geometry", "poses", "series"),
     *("filters", "surfaces", "features", "heading", "kinematics", "alignment", "joint", "pipeline"),
-    *("uncertainty", "baselines", "design", "plots", "report", "widgets"),
+    *("odometry", "uncertainty", "baselines", "design", "plots", "report", "widgets"),
 )
 
 _moved.install(_moved.MOVED)

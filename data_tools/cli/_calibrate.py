@@ -213,6 +213,47 @@ def headings(
 
 
 @app.command()
+def trajectory(
+    recording: Annotated[Path, typer.Argument(help="Events, in any format that is known.")],
+    camera: Camera,
+    output: Annotated[Path, typer.Option("-o", "--output", help="Trajectory to write (TUM).")],
+    size: common.Size = None,
+    camera_name: CameraName = None,
+    time_unit: common.TimeUnit = None,
+    format: common.Format = None,
+    disorder: common.Disorder = "refuse",
+    stream: common.Stream = None,
+    seed: common.Seed = 0,
+) -> None:
+    """Follow an event camera through its surroundings by its events alone (visual odometry).
+
+    The scale is free, and the trajectory drifts.  If tracking is lost, what came before is written
+    and the exit code is 3; if the poses may be wrong though it was not, the exit code is 4.
+    """
+    from data_tools.files.atomic import write_file
+    from data_tools.logs.trajectory_files import write_tum
+    from data_tools.runs.trajectory import trajectory_from_files
+
+    result = trajectory_from_files(
+        recording,
+        camera,
+        size=size,
+        camera_name=camera_name,
+        seed=seed,
+        time_unit=time_unit,
+        format=format,
+        disorder=disorder,
+        stream=stream,
+    )
+    write_file(output, lambda path: write_tum(path, result.trajectory.poses))
+    common.tell(result.summary, output)
+    if result.trajectory.lost:
+        raise typer.Exit(common.NO_ANSWER)
+    if result.trajectory.doubts:
+        raise typer.Exit(common.DOUBTS)
+
+
+@app.command()
 def velocities(
     wheels: Annotated[
         Path, typer.Argument(help="Wheel log (CSV, ROS bag or .wpilog).", metavar="WHEELS")
