@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,10 +14,12 @@ from data_tools.simulation.recorded_drive import CAMERA
 from data_tools.simulation.trajectory import Trajectory
 from data_tools.studies.sighting_drives import Fault, sight
 from data_tools.studies.sightings import Corners
+from evcalib.alignment.verdict import CONTRADICTED
 from evcalib.errors import InputError, NoAnswerError
 from evcalib.geometry import LOOKS_FORWARD, rotation_angle, rotation_vector_to_matrix
 from evcalib.kinematics.velocity_track import velocity_track
 from evcalib.pipeline import calibrate_estimate
+from evcalib.pipeline._by_turning import _at_offset
 from evcalib.pipeline._derotation import at_camera, derotated
 from evcalib.pipeline._turning import (
     LEADS,
@@ -271,6 +274,18 @@ def test_the_velocity_of_the_cameras_place_is_that_of_a_rigid_body():
     np.testing.assert_allclose(moved.v, want, atol=2e-3)
     straight = VelocitySeries(t, told.v)
     assert at_camera(straight, np.array(LEVER)) is straight
+
+
+@pytest.mark.parametrize("given", [None, OFFSET])
+def test_headings_that_contradict_a_refinement_at_a_given_offset_take_it_back(given):
+    found = calibrated("eight")
+    turned = replace(found, R_body_cam=rotation_vector_to_matrix([0, 0, 0.3]) @ found.R_body_cam)
+    asked = SimpleNamespace(offset=given, max_offset=1.0)
+    for aligned, contradicted in ((found, False), (turned, given is not None)):
+        held = _at_offset(aligned, found.joint, estimated("eight").headings, 0.5, asked)
+        assert (held.verdict.summary == CONTRADICTED) is contradicted
+        assert bool(held.verdict.doubts) is contradicted
+        assert held.rotation_observable is (given is not None and not contradicted)
 
 
 def test_headings_that_say_nothing_do_not_stand_in_the_way():

@@ -17,6 +17,9 @@ from evcalib.geometry import LOOKS_FORWARD, rpy_text
 from evcalib.kinematics import WARN_SLIP
 from evcalib.uncertainty import rotation_radius, rotation_sd
 
+WORTH_A_WORD = 0.05
+"""Least angle [deg] that is not shown as 0.0."""
+
 
 @dataclass(frozen=True, eq=False)
 class Calibration(Shown):
@@ -138,16 +141,18 @@ class Calibration(Shown):
             return self
         common = np.diag([0.0, 0.0, direction_sd**2])
         covariance = self.rotation_covariance + common
-        reason, doubts = because or _shared(direction_sd, given), self.verdict.doubts
+        reason, verdict = because or _shared(direction_sd, given), self.verdict
         if not because and not given and direction_sd > WARN_SLIP:
-            doubts = (*doubts, reason)
+            verdict = verdict.doubted(reason)
+        elif np.degrees(direction_sd) >= WORTH_A_WORD:
+            verdict = replace(verdict, reasons=(*verdict.reasons, reason))
         return replace(
             self,
             rotation_covariance=covariance,
             rotation_sd=rotation_sd(covariance),
             rotation_radius=float(np.hypot(self.rotation_radius, rotation_radius(common))),
             odometry_sd=float(np.hypot(self.odometry_sd, direction_sd)),
-            verdict=replace(self.verdict, reasons=(*self.verdict.reasons, reason), doubts=doubts),
+            verdict=verdict,
         )
 
     def doubted(self, *doubts: str) -> Self:

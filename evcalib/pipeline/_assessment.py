@@ -341,13 +341,6 @@ def keep(
     if np.trace(joint.covariance[:3, :3]) > np.trace(covariance):
         covariance, samples = joint.covariance[:3, :3], joint.samples
     rotation = RotationAnswer(joint.R_body_cam, covariance, samples)
-    before = aligned.diagnostics
-    seen = aligned.R_body_cam if before.agrees else None
-    agreement = StageAgreement.of(seen, aligned.rotation_covariance, joint, before.spread)
-    verdict, contradicted = aligned.verdict, {}
-    if agreement.gross:
-        verdict = Verdict(CONTRADICTED, verdict.reasons, ())
-        contradicted = {"rotation_observable": False, "offset_observable": False}
     found = RefinedCalibration.after(
         aligned,
         R_body_cam=joint.R_body_cam,
@@ -355,12 +348,28 @@ def keep(
         rotation_sd=rotation_sd(covariance),
         rotation_radius=rotation.radius,
         residuals=_residuals(aligned.residuals, headings, joint.R_body_cam),
-        verdict=verdict.doubted(*doubts_of(joint, headings, agreement)),
         joint=joint,
-        agreement=agreement,
-        **contradicted,
     )
-    return _with_distortion(found, joint)
+    return _with_distortion(compared(found, aligned, headings), joint)
+
+
+def compared(
+    found: RefinedCalibration, aligned: Calibration, headings: HeadingSeries
+) -> RefinedCalibration:
+    """Doubt what a refinement found at the alignment's own offset, or take it back."""
+    joint, before = found.joint, aligned.diagnostics
+    assert joint is not None
+    seen = aligned.R_body_cam if before.agrees else None
+    agreement = StageAgreement.of(seen, aligned.rotation_covariance, joint, before.spread)
+    found = replace(found, agreement=agreement)
+    if agreement.gross:
+        found = replace(
+            found,
+            rotation_observable=False,
+            offset_observable=False,
+            verdict=Verdict(CONTRADICTED, found.verdict.reasons, ()),
+        )
+    return found.doubted(*doubts_of(joint, headings, agreement))
 
 
 def _residuals(before: Residuals, headings: HeadingSeries, R: Floats) -> Residuals:

@@ -18,12 +18,17 @@ from evcalib.heading import HeadingEstimate
 from evcalib.joint import JointRefinement, Start
 from evcalib.joint.tracks import tracks_of
 from evcalib.kinematics.velocity_track import VelocityTrack, smoothed, velocity_track
-from evcalib.pipeline._assessment import RefinedCalibration, finish, offset_observable
+from evcalib.pipeline._assessment import (
+    RefinedCalibration,
+    compared,
+    finish,
+    offset_observable,
+)
 from evcalib.pipeline._derotation import at_camera, derotated
 from evcalib.pipeline._position import positioned
 from evcalib.pipeline._refinement import Asked, Refiner
 from evcalib.pipeline._turning import turns_variously
-from evcalib.series import VelocitySeries
+from evcalib.series import HeadingSeries, VelocitySeries
 from evcalib.uncertainty import UNKNOWN
 
 AROUND = 0.2
@@ -102,7 +107,7 @@ def by_turning(
             aligned, joint, seen.headings, velocity_track(moved), asked.max_offset, turning=turning
         )
     else:
-        final = _at_offset(aligned, joint, turning, asked)
+        final = _at_offset(aligned, joint, seen.headings, turning, asked)
     final = final.widened(velocities.direction_sd, given=asked.odometry_sd is not None)
     trusted = various and (known or asked.offset is not None)
     return positioned(final, asked.told, turning, free, trusted=trusted), seen
@@ -172,7 +177,11 @@ def _aligned(seen: HeadingEstimate, moved: VelocitySeries, asked: Asked) -> Cali
 
 
 def _at_offset(
-    aligned: Calibration, joint: JointRefinement, turning: float, asked: Asked
+    aligned: Calibration,
+    joint: JointRefinement,
+    headings: HeadingSeries,
+    turning: float,
+    asked: Asked,
 ) -> RefinedCalibration:
     """Return what is known where the motion does not determine the offset.
 
@@ -199,7 +208,7 @@ def _at_offset(
         given=asked.offset,
     )
     diagnostics = replace(aligned.diagnostics, body_turns=turning, turning_counted=True)
-    return RefinedCalibration.of(
+    found = RefinedCalibration.of(
         offset,
         rotation,
         diagnostics,
@@ -209,3 +218,6 @@ def _at_offset(
         settings=aligned.settings,
         joint=joint,
     )
+    if asked.offset is None:  # At a guessed offset nothing fits, whatever the model.
+        return found
+    return compared(found, aligned, headings)
