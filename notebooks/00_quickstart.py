@@ -118,9 +118,10 @@ Image(style.png(figures["unaligned"], dpi=110))
 # The second shows the same streams after the calibration, on the camera's clock and in the axes of
 # the body.
 #
-# **See:** the dots now lie *on* the line, in both panels, and the few outliers are purple. In a
-# recording of your own, look for a slow wave in the lower panel: it would mean that the vehicle
-# pitches, or that the camera's intrinsics are wrong.
+# **See:** the dots now lie *on* the line in the upper panel. In the lower one they scatter about it
+# by a degree or two, but for a bump of 7 degrees near 4 s: headings that do not agree are purple,
+# and count little. In a recording of your own, look for a slow wave in the lower panel: it would
+# mean that the vehicle pitches, or that the camera's intrinsics are wrong.
 
 # %%
 Image(style.png(figures["directions"], dpi=110))
@@ -166,8 +167,8 @@ for line in export(stored, "ros-tf").splitlines():
 # ```
 #
 # The folder `result` then holds `calibration.yaml`, the headings and velocities as tables, and
-# `report.html`. The exit code is 0 if the drive told both parts, 2 for bad input, and 3 if the
-# motion cannot answer.
+# `report.html`. The exit code is 0 if the drive told both parts, 2 for bad input, 3 if the motion
+# cannot answer, and 4 if there is an answer but the data speak against it.
 #
 # ## How to drive
 #
@@ -247,8 +248,10 @@ for motion, both in forecasts.items():
 # 180 degrees are what was known before the drive, that is, nothing.
 #
 # The fingers are the interesting line. Along each finger the direction is constant. It changes only
-# while the vehicle stands still, and then the camera sees nothing. So directions alone know nothing
-# of the offset. But the vehicle speeds up and slows down at known times, and that brings the error
+# while the vehicle stands still, and then the camera sees nothing. So directions alone cannot
+# measure the offset. (They bound it: shifted by more than a pause, one finger meets the next. The
+# dashed likeness falls sooner, as the fingers then overlap less, but moments without a heading
+# tell nothing.) But the vehicle speeds up and slows down at known times, and that brings the error
 # down to a few milliseconds.
 #
 # The same in words, with advice where it is needed:
@@ -265,7 +268,7 @@ assert not forecasts["arc"].offset_determined
 
 # %% [markdown]
 # A drive that has already been driven can be judged in the same way, from its wheel log alone,
-# before anyone looks at an event. Here is ours:
+# before anyone looks at an event. Here is ours (notebook 6 compares promise, error bar and error):
 
 # %%
 forecast = predict(wheels.velocities)
