@@ -347,9 +347,9 @@ for name, found in final.items():
 
 # %% [markdown]
 # So a promise is right within a factor of two or so. It knows the motion, but neither the room nor
-# how corners fare in it. The sweep sees many more corners than 20 and each of them finer, so it does
-# better than promised. That of the fingers is wider than promised: it counts, too, by how much
-# stretches of a drive contradict each other (the last point of the list above), and fingers have few.
+# how corners fare in it. The sweep sees many more corners than 20 and each of them finer, so its
+# error bar is shorter than promised. That of the fingers is longer: it counts, too, by how much
+# stretches of a drive contradict each other (the last point of the list above).
 #
 # ## Before and after
 #
