@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from evcalib.events import Events
     from evcalib.filters import denoise
     from evcalib.heading import estimate_headings
+    from evcalib.imu import ImuSeries
     from evcalib.pipeline import calibrate
     from evcalib.series import HeadingSeries, VelocitySeries
 
@@ -39,6 +40,7 @@ __all__ = [
     "EvcalibError",
     "Events",
     "HeadingSeries",
+    "ImuSeries",
     "InputError",
     "VelocitySeries",
     "align",
@@ -53,6 +55,7 @@ _HOMES = {
     "EvcalibError": "errors",
     "Events": "events",
     "HeadingSeries": "series",
+    "ImuSeries": "imu",
     "InputError": "errors",
     "VelocitySeries": "series",
     "align": "alignment",
@@ -62,7 +65,7 @@ _HOMES = {
 }
 
 _MODULES = (
-    *("camera", "errors", "events", "geometry", "poses", "series"),
+    *("camera", "errors", "events", "geometry", "imu", "poses", "series"),
     *("filters", "surfaces", "features", "heading", "kinematics", "alignment", "joint", "pipeline"),
     *("odometry", "uncertainty", "baselines", "design", "plots", "report", "widgets"),
 )

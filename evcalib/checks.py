@@ -79,6 +79,8 @@ MADE_BY = {
         "evcalib.HeadingSeries(t, v), or take .headings of"
         " evcalib.estimate_headings(events, camera)"
     ),
+    "Attitude": "evcalib.imu.attitude_of(imu)",
+    "ImuSeries": "evcalib.ImuSeries(t, rate) or data_tools.recordings.read_imu(path)",
     "OffsetCurve": "evcalib.alignment.offset.find_offset(headings, track)",
     "Swerve": (
         "evcalib.kinematics.Swerve(wheels) or data_tools.logs.vehicle_files.read_vehicle(path)"

@@ -57,6 +57,22 @@ class Maker:
         seq = {"seq": 7} if self.kind.startswith("ros1") else {}
         return self.make("std_msgs/msg/Header", **seq, stamp=self.stamp(ns), frame_id=frame)
 
+    def imu(self, ns: int, rate, force=(0.0, -9.8, 0.0), frame="camera_imu", absent=False):
+        """Return a message of an IMU; `absent`: it says that it measures no rates."""
+        vector = "geometry_msgs/msg/Vector3"
+        w, a = (self.make(vector, x=x, y=y, z=z) for x, y, z in np.array([rate, force], float))
+        covariance = np.zeros(9)
+        return self.make(
+            "sensor_msgs/msg/Imu",
+            header=self.header(ns, frame),
+            orientation=self.make("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0),
+            orientation_covariance=covariance,
+            angular_velocity=w,
+            angular_velocity_covariance=covariance - (np.arange(9) == 0) * absent,
+            linear_acceleration=a,
+            linear_acceleration_covariance=covariance,
+        )
+
     def array(self, type: str, events, width: int, height: int, frame: str = "cam"):
         """Return a message of rows (x, y, t in ns, p)."""
         one = type.replace("EventArray", "Event")

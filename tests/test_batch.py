@@ -228,6 +228,8 @@ def test_every_option_of_calibrate_may_stand_in_a_list(tmp_path):
         **{"wheel_radius": 0.1, "time_unit": "us", "format": "text", "disorder": "sort"},
         **{"stream": "1", "surface": "ts", "rate": 30, "seed": 7, "size": "8x5"},
         "denoise": False,
+        **{"imu": "auto", "imu_rotation": "-x,y,-z", "imu_unit": "deg/s", "imu_stream": "/imu"},
+        **{"imu_time_unit": "us", "imu_columns": {"wx": "gx"}},
     }
     seen = []
 
@@ -241,6 +243,8 @@ def test_every_option_of_calibrate_may_stand_in_a_list(tmp_path):
     assert given["reading"] == {k: entry[k] for k in ("time_unit", "format", "disorder", "stream")}
     motion = ("columns", "topic", "wheel_radius", "clock_shift", "twist_frame")
     assert given["motion"] == {**{k: entry[k] for k in motion}, "time_unit": "ms"}
+    imu = ("rotation", "unit", "stream", "time_unit", "columns")
+    assert given["imu"] == {"source": "auto", **{key: entry[f"imu_{key}"] for key in imu}}
     assert (given["camera_position"], given["size"]) == ((0.3, 0, 0.8), (8, 5))
     same = (
         "offset",
@@ -255,7 +259,7 @@ def test_every_option_of_calibrate_may_stand_in_a_list(tmp_path):
     )
     assert {key: given[key] for key in same} == {key: entry[key] for key in same}
     assert set(given) - {"recording", "camera", "velocities", "output"} == {
-        *same, "reading", "motion", "camera_position", "size",
+        *same, "reading", "motion", "imu", "camera_position", "size",
     }  # fmt: skip
 
 
@@ -270,6 +274,8 @@ def test_every_option_of_calibrate_may_stand_in_a_list(tmp_path):
         ("topic: 3", "topic must be a word"),
         ("denoise: 1", "denoise must be true or false"),
         ("columns: 3", "columns must be a path"),
+        ("imu_rotation: '-x,y,z'", "imu_rotation -x,y,z is no rotation"),
+        ("imu_unit: deg/s", "there is no imu, which imu_unit is of"),
         ("offset: .nan", "offset must be a number of seconds"),
     ],
 )

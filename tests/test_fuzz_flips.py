@@ -19,7 +19,7 @@ EVENTS += ("aedat2", "aedat3", "es", "npy", "mat")
 BAGS = ("rosbag1", "rosbag2-sqlite3", "rosbag2-mcap", "rosbag2-metadata")
 OTHERS = [name for name in TARGETS if name not in (*EVENTS, *BAGS)]
 SLOW = {"npz": 120, "hdf5": 25, "rosbag1": 30, "rosbag2-sqlite3": 15, "rosbag2-mcap": 30}
-SLOW |= {"rosbag2-metadata": 30, "bag-joints": 40, "bag-twists": 40}
+SLOW |= {"rosbag2-metadata": 30, "bag-joints": 40, "bag-twists": 40, "imu-bag": 40, "imu-hdf5": 25}
 CHECKED = ("text-gzip", "text-zip", "npz")
 UNCOUNTED = ("evt2", "evt3", "aedat2", "aedat3", "es")
 

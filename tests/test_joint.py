@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import naive_joint as naive
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from scipy.stats import binom
 
 from evcalib import checks
@@ -56,7 +57,7 @@ def drive():
     )
 
 
-def problem_of(tracks, velocities, lag=0.0, lever=LEVER):
+def problem_of(tracks, velocities, lag=0.0, lever=LEVER, gyro_sd=None):
     motion = world_motion(velocities, velocity_track(velocities, smooth=False))
     return Problem(
         tracks,
@@ -68,14 +69,15 @@ def problem_of(tracks, velocities, lag=0.0, lever=LEVER):
         lag=lag,
         lag_sd=0.1 * PIXEL,
         yaw_rate_sd=1e-3,
+        gyro_sd=gyro_sd,
     )
 
 
 def linearised(
     tracks, velocities, R=R_BODY_CAM, offset=OFFSET, *, lag=0.0, bias=0.0, lever=LEVER,
-    loss_scale=1e3, passes=12,
+    loss_scale=1e3, passes=12, gyro_sd=None,
 ):  # fmt: skip
-    problem = problem_of(tracks, velocities, lag, lever)
+    problem = problem_of(tracks, velocities, lag, lever, gyro_sd)
     fit = begin(problem, R, offset, loss_scale)
     fit.yaw_rate_bias[:] = bias
     for _ in range(passes):
@@ -147,33 +149,84 @@ def test_a_lag_shifts_each_observation_back_along_its_flow(drive):
     assert np.abs(plain.residuals).max() < 1e-9
 
 
-def losses_at(change, tracks, velocities, lag):
+def losses_at(change, tracks, velocities, lag, **options):
     """The loss of each track with the eight unknowns moved."""
     R = rotation_vector_to_matrix(change[:3]) @ OFF_R
     offset, lag = OFF_OFFSET + change[3], lag + change[4]
     lever = (LEVER[0] + change[5], LEVER[1] + change[6], LEVER[2])
     return linearised(
-        tracks, velocities, R, offset, lag=lag, bias=change[7], lever=lever, loss_scale=0.2
-    ).losses
+        tracks, velocities, R, offset, lag=lag, bias=change[7], lever=lever, loss_scale=0.2,
+        **options,
+    ).losses  # fmt: skip
 
 
-@pytest.mark.parametrize(("lag", "tolerance"), [(0.0, 1e-5), (0.2 * PIXEL, 0.25)])
-def test_the_gradients_are_the_derivatives_of_the_losses(drive, lag, tolerance):
+@pytest.mark.parametrize(
+    ("lag", "tolerance", "gyro_sd"),
+    [(0.0, 1e-5, None), (0.2 * PIXEL, 0.25, None), (0.0, 1e-5, 1e-3)],
+)
+def test_the_gradients_are_the_derivatives_of_the_losses(drive, lag, tolerance, gyro_sd):
     """Exact without lag; the change of the flow's direction is left out on purpose.
 
     Tracks that start or end just at a sample of the odometry are at a kink and do not count.
     """
     velocities, tracks = drive
+    if gyro_sd is not None:
+        tracks = turned_back(tracks, velocities)
     tracks = naive.spoiled(np.random.default_rng(3), tracks, noise=0.5 * PIXEL)
-    gradients = linearised(tracks, velocities, OFF_R, OFF_OFFSET, lag=lag, loss_scale=0.2).gradients
+    gradients = linearised(
+        tracks, velocities, OFF_R, OFF_OFFSET, lag=lag, loss_scale=0.2, gyro_sd=gyro_sd
+    ).gradients
     for k in range(8):
         if k == 4 and lag == 0:
             continue
         step = 1e-5 * np.eye(8)[k]
-        high, low = (losses_at(h, tracks, velocities, lag) for h in (step, -step))
+        high, low = (losses_at(h, tracks, velocities, lag, gyro_sd=gyro_sd) for h in (step, -step))
         wanted = (high - low) / 2e-5
         size = np.sqrt(np.mean(wanted**2))
         assert np.quantile(np.abs(gradients[:, k] - wanted), 0.99) < tolerance * size
+
+
+def turned_back(tracks, velocities, R=R_BODY_CAM, offset=OFFSET):
+    """Return tracks whose later bearings a right gyro has turned back to the first time."""
+    yaw = naive.Motion(velocities)
+    psi = np.interp(tracks.t2 + offset, yaw.t, yaw.yaw) - np.interp(
+        tracks.t1 + offset, yaw.t, yaw.yaw
+    )
+    turns = np.stack([naive.about_z(angle) for angle in psi])
+    return replace(tracks, r2=np.einsum("ji,njk,kl,nl->ni", R, turns, R, tracks.r2))
+
+
+def test_bearings_that_a_gyro_turned_back_are_fitted_as_those_seen(drive):
+    """Where the odometry's yaw is right, too, it is the same whether one or the other is told."""
+    velocities, tracks = drive
+    tracks = naive.spoiled(np.random.default_rng(5), tracks, noise=0.5 * PIXEL)
+    seen = linearised(tracks, velocities)
+    told = linearised(turned_back(tracks, velocities), velocities, gyro_sd=1e-3)
+    assert told.residuals == pytest.approx(seen.residuals, abs=1e-9)
+    assert told.distances == pytest.approx(seen.distances, rel=1e-6)
+    assert np.abs(told.residuals).max() > PIXEL / 2
+
+
+def test_the_error_of_a_gyro_enters_the_error_bars():
+    """A gyro that is off by its stated error, about one axis after the other."""
+    velocities = swinging()
+    rng = np.random.default_rng(6)
+    tracks = naive.made_tracks(rng, velocities, R_BODY_CAM, OFFSET, lever=(0.0, 0.0, 0.0))
+    tracks = turned_back(tracks, velocities)
+    tracks = naive.spoiled(rng, tracks, noise=0.3 * PIXEL)
+    options = {"lever": (0.0, 0.0, 0.0), "systematic": PINNED}
+    right = refined(tracks, velocities, gyro_sd=1e-6, **options)
+    error, moved = 3e-4, np.zeros(3)
+    for axis in np.eye(3):
+        by = error * (tracks.t2 - tracks.t1)[:, None] * np.cross(axis, tracks.r2)
+        found = refined(replace(tracks, r2=tracks.r2 + by), velocities, gyro_sd=1e-6, **options)
+        moved += Rotation.from_matrix(found.R_body_cam @ right.R_body_cam.T).as_rotvec() ** 2
+    stated = refined(tracks, velocities, gyro_sd=error, **options).covariance
+    added = np.diag(stated - right.covariance)[:3]
+    assert added == pytest.approx(moved, rel=0.3)
+    assert np.degrees(np.sqrt(moved.sum())) > 0.03
+    with pytest.raises(InputError, match="gyro_sd"):
+        refined(tracks, velocities, gyro_sd=0.0)
 
 
 def test_the_information_is_the_curvature_of_the_losses_at_the_truth(drive):

@@ -11,7 +11,7 @@ FILES = sorted(path for name in ("evcalib", "data_tools") for path in (ROOT / na
 
 NOUNS = {
     *("__init__", "__main__", "_event_columns", "_lazy", "_moved", "arrays", "camera", "checks"),
-    *("display", "errors", "events", "geometry", "poses", "series"),
+    *("display", "errors", "events", "geometry", "imu", "poses", "series"),
 }
 """What everything is said in; all else stands in the folder of its step."""
 

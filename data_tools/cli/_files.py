@@ -64,6 +64,28 @@ def convert(
         common.tell(f"note: {line}", target)
 
 
+@app.command()
+def imu(
+    recording: Annotated[Path, typer.Argument(help="Recording that holds an IMU.")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="Samples to write (CSV).")],
+    format: common.Format = None,
+    imu_stream: common.ImuStream = None,
+) -> None:
+    """Take the samples of the IMU out of a recording: t, wx, wy, wz and, if known, ax, ay, az.
+
+    Times are in seconds on the recording's own clock, rates in rad/s, accelerations in m/s^2.
+    """
+    from data_tools.files.atomic import write_file
+    from data_tools.logs.imu_files import write_imu
+    from data_tools.recordings import read_imu
+
+    found = read_imu(recording, format=format, stream=imu_stream)
+    write_file(output, lambda path: write_imu(path, found.imu))
+    common.tell(f"{len(found.imu)} samples written to {output}", output)
+    for line in found.notes:
+        common.tell(f"note: {line}", output)
+
+
 def _opened(recording: Path, size: str | None, **options: Any) -> Recording:
     from data_tools.recordings import open_recording
     from data_tools.runs.headings import parse_size

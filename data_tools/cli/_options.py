@@ -27,7 +27,7 @@ INTERRUPTED = 130
 
 INPUTS = (
     *("recording", "camera", "wheels", "vehicle", "velocities", "columns", "headings"),
-    *("trajectory", "calibration"),
+    *("trajectory", "calibration", "imu_columns"),
 )
 """Parameters of commands that are files to read.  Not the list of a batch: its paths are relative
 to it, so it has to stand somewhere."""
@@ -134,6 +134,44 @@ Disorder = Annotated[
 Stream = Annotated[
     str | None, typer.Option(help="Topic, camera or file, where the recording holds several.")
 ]
+Imu = Annotated[
+    str | None,
+    typer.Option(help="IMU of the camera: auto for that of the recording, or a file (CSV, ...)."),
+]
+ImuRotation = Annotated[
+    str | None,
+    typer.Option(
+        help="Axes of the IMU along the camera's X,Y,Z, like -x,y,-z; nine numbers; or estimate."
+    ),
+]
+ImuUnit = Annotated[str | None, typer.Option(help="Unit of the IMU's rates (CSV): rad/s or deg/s.")]
+ImuColumns = Annotated[Path | None, typer.Option(help="Column map of the IMU's table (YAML).")]
+ImuTimeUnit = Annotated[str | None, typer.Option(help="s, ms, us or ns: unit of the IMU's times.")]
+ImuStream = Annotated[str | None, typer.Option(help="Topic or group of the IMU, if several.")]
+
+
+def imu_options(
+    imu: str | None,
+    rotation: str | None,
+    unit: str | None,
+    columns: Path | None,
+    time_unit: str | None,
+    stream: str | None,
+) -> dict[str, Any] | None:
+    """Return what a run is told of the IMU; None without one."""
+    from data_tools.runs.imu import rotation_of
+
+    more = {"unit": unit, "columns": columns, "time_unit": time_unit, "stream": stream}
+    if imu is None:
+        told = [name for name, value in {"rotation": rotation, **more}.items() if value is not None]
+        if told:
+            option = told[0].replace("_", "-")
+            raise InputError(f"--imu-{option} needs an IMU: give --imu auto, or --imu FILE")
+        return None
+    rotation_of(rotation)
+    return {"source": imu, "rotation": rotation, **more}
+
+
 Seed = Annotated[int, typer.Option(min=0, help="Seed of everything that is drawn.")]
 
 

@@ -13,8 +13,9 @@ A map is a mapping, or a YAML file of one::
 
 Units in brackets behind our names, as in a header ``t [ms],vx [cm/s]``, are read without a map.
 
-Our names are ``t``; ``speed_NAME`` and ``steer_NAME`` for each wheel of the vehicle; and, in files
-of velocities, ``vx, vy, vz, yaw_rate``.  A column is a name, or a number (the first is 1) where a
+Our names are ``t``; ``speed_NAME`` and ``steer_NAME`` for each wheel of the vehicle; in files of
+velocities, ``vx, vy, vz, yaw_rate``; and in files of an IMU, ``wx, wy, wz`` and ``ax, ay, az``
+(in m/s^2 or g).  A column is a name, or a number (the first is 1) where a
 file has no header.  In a ``sensor_msgs/JointState`` the columns are joints.
 
 A value is ``(scale * column + offset) * unit``: the offset is in the column's own unit.
@@ -66,10 +67,15 @@ _KINDS = {
     "angle": _TURN,
     "velocity": _SPEED,
     "turning rate": _RATE,
+    "acceleration": {"m/s^2": 1.0, "g": 9.80665},
 }
 _PLAIN = {"t": "time", "yaw_rate": "turning rate"} | dict.fromkeys(("vx", "vy", "vz"), "velocity")
+_PLAIN |= dict.fromkeys(("wx", "wy", "wz"), "turning rate")
+_PLAIN |= dict.fromkeys(("ax", "ay", "az"), "acceleration")
+_NAMES = "vx, vy, vz, yaw_rate, wx, wy, wz, ax, ay, az"
 _WHEEL = ("speed_", "steer_")
 _OURS = {"time": "s", "wheel speed": "m/s", "angle": "rad", "velocity": "m/s"}
+_OURS |= {"turning rate": "rad/s", "acceleration": "m/s^2"}
 
 RADII = (0.005, 2.0)
 """Wheels of a smaller or larger radius [m] are taken for a mistake of units."""
@@ -394,8 +400,8 @@ def _kind(name: Any) -> str:
     if text in _PLAIN:
         return _PLAIN[text]
     raise InputError(
-        f"{text} is none of t, speed_WHEEL, steer_WHEEL, vx, vy, vz, yaw_rate: our name comes"
-        " first, then the column of the file"
+        f"{text} is none of t, speed_WHEEL, steer_WHEEL, {_NAMES}: our"
+        " name comes first, then the column of the file"
     )
 
 

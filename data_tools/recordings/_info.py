@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from data_tools.recordings import _stages as stages
+from data_tools.recordings._imu import samples_of
 from evcalib import checks
 from evcalib.arrays import Integers
+from evcalib.errors import InputError
 
 if TYPE_CHECKING:
     from data_tools.recordings._recording import Recording
@@ -55,6 +57,8 @@ class RecordingInfo:
         What could not be used: reason and count.
     notes : tuple of str
         What was taken for granted.
+    imu : str
+        What the recording holds of an IMU; nothing where it holds none.
     """
 
     path: str
@@ -77,6 +81,7 @@ class RecordingInfo:
     largest_step_back: float
     losses: dict[str, int]
     notes: tuple[str, ...]
+    imu: str = ""
 
     def to_dict(self) -> dict[str, Any]:
         """Return all fields as a dict that JSON takes."""
@@ -101,6 +106,8 @@ class RecordingInfo:
             ),
             ("order", self._order()),
         ]
+        if self.imu:
+            rows.append(("IMU", self.imu))
         if self.origin_us:
             rows.append(("origin", f"{self.origin_us} us are subtracted from times"))
         rows += [("not used", f"{count} {reason}") for reason, count in self.losses.items()]
@@ -169,6 +176,25 @@ def describe(recording: Recording, *, gap_limit: float = 0.1) -> RecordingInfo:
         largest_step_back=late.largest_us / 1e6,
         losses={reason: n for reason, n in recording.losses.items() if n},
         notes=tuple(recording.notes),
+        imu=_imu(recording),
+    )
+
+
+def _imu(recording: Recording) -> str:
+    """Return what there is of an IMU, in words; what is wrong with it, where it cannot be read."""
+    try:
+        samples = samples_of(recording.path, format=recording.format)
+    except InputError as error:
+        return f"not read: {error}"
+    if samples is None or samples.t_ns.size < 2:
+        return ""
+    seconds = (samples.t_ns[-1] - samples.t_ns[0]) / 1e9
+    rate = samples.t_ns.size / seconds if seconds > 0 else 0.0
+    turning = float(np.degrees(np.sqrt(np.nanmean(np.sum(samples.rate**2, axis=1)))))
+    both = "rates and accelerations" if samples.acceleration is not None else "rates"
+    return (
+        f"{samples.t_ns.size} samples of {both} in {seconds:.3f} s ({rate:.0f}/s); turns by"
+        f" {turning:.2f} deg/s (rms); {'; '.join(samples.notes)}"
     )
 
 

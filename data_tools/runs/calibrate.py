@@ -16,6 +16,7 @@ from data_tools.recordings import Recording
 from data_tools.runs._inputs import input_file
 from data_tools.runs.folder import RunFolder
 from data_tools.runs.headings import open_with_camera, with_progress
+from data_tools.runs.imu import imu_of, rotation_of
 from evcalib.alignment import Calibration
 from evcalib.errors import InputError
 from evcalib.kinematics import REFUSE_SLIP
@@ -47,6 +48,7 @@ def run_files(
     max_yaw_rate: float | None = None,
     reading: Mapping[str, Any] | None = None,
     motion: Mapping[str, Any] | None = None,
+    imu: Mapping[str, Any] | None = None,
     on_stage: Callable[[str], object] = lambda name: None,
     truth: Truth | None = None,
     **options: Any,
@@ -80,6 +82,9 @@ def run_files(
         Rows that turn faster [rad/s] are left out; by default none, for turning is accounted for.
     reading, motion : mapping, optional
         Further options of `open_recording` and of `read_body_velocities`.
+    imu : mapping, optional
+        Arguments of `data_tools.runs.imu.imu_of`, ``source`` among them, and ``rotation``, a text
+        that `data_tools.runs.imu.rotation_of` reads.
     on_stage : callable
         Called with the name of each stage as it begins.
     truth : Truth, optional
@@ -114,17 +119,22 @@ def run_files(
         )
         body = _within_limits(whole, max_slip, max_yaw_rate)
         spent = time.perf_counter() - started
+        gyro, told = _gyro(events, imu)
         run = calibrate(
             with_progress(iter(events)),
             lens,
             body.velocities if body.wheels is None else body.wheels,
             on_stage=stage,
+            **gyro,
             **options,
         )
+        told += [] if run.gyro is None else run.gyro.notes
         files = {"recording": recording, "camera": camera, "motion": source, "vehicle": vehicle}
         run = replace(
             run,
-            recording=_description(events, run, [f"{source}: {line}" for line in body.notes]),
+            recording=_description(
+                events, run, [f"{source}: {line}" for line in body.notes] + told
+            ),
             losses=dict(events.losses),
             settings={
                 **run.settings,
@@ -145,6 +155,16 @@ def run_files(
             stage("report")
             folder.write_run(run)
     return run
+
+
+def _gyro(events: Recording, imu: Mapping[str, Any] | None) -> tuple[dict[str, Any], list[str]]:
+    """Return what `evcalib.calibrate` is told of the IMU, and what the user should know of it."""
+    if imu is None:
+        return {}, []
+    options = dict(imu)
+    R_cam_imu = rotation_of(options.pop("rotation", None))
+    found = imu_of(events, **options)
+    return {"imu": found.imu, "R_cam_imu": R_cam_imu}, list(found.notes)
 
 
 def _one_source(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,10 +16,13 @@ from tqdm.auto import tqdm
 from data_tools.logs.camera_files import read_camera_file
 from data_tools.recordings import Recording, open_recording
 from data_tools.recordings.formats import SizeUnknown
+from data_tools.runs.imu import imu_of, rotation_of
 from evcalib.camera import Camera
 from evcalib.errors import InputError
 from evcalib.events import Events
 from evcalib.heading import HeadingEstimate, estimate_headings
+from evcalib.heading.gyro import corrected
+from evcalib.imu import Attitude, attitude_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,6 +85,7 @@ def headings_from_files(
     origin_us: int | None = None,
     disorder: str = "refuse",
     stream: str | None = None,
+    imu: Mapping[str, Any] | None = None,
     **options: Any,
 ) -> RecordingHeadings:
     """Read a recording in pieces and estimate its headings.
@@ -98,6 +102,10 @@ def headings_from_files(
         Which camera of the file, where several are of the recording's size.
     time_unit, format, origin_us, disorder, stream
         As in :func:`data_tools.recordings.open_recording`.
+    imu : mapping, optional
+        Arguments of `data_tools.runs.imu.imu_of`, ``source`` among them, and ``rotation``, a text
+        that `data_tools.runs.imu.rotation_of` reads.  The recording is then read twice: first for
+        the bias of the gyro.
     **options
         As in :func:`evcalib.heading.estimate_headings`.
     """
@@ -113,9 +121,33 @@ def headings_from_files(
         stream=stream,
     )
     started = time.perf_counter()
-    estimate = estimate_headings(with_progress(iter(opened)), lens, **options)
+    attitude = None if imu is None else _attitude(opened, lens, dict(imu), options)
+    estimate = estimate_headings(with_progress(iter(opened)), lens, attitude=attitude, **options)
     seconds = time.perf_counter() - started
     return RecordingHeadings(estimate, _summary(estimate, opened, seconds))
+
+
+def _attitude(
+    opened: Recording, lens: Camera, imu: dict[str, Any], options: Mapping[str, Any]
+) -> Attitude:
+    """Return how the gyro says that the camera turns, its bias found from the events."""
+    R = rotation_of(imu.pop("rotation", None))
+    found = imu_of(opened, **imu)
+    for note in found.notes:
+        opened.note(note)
+    turn = isinstance(R, str)
+    axes = np.eye(3) if R is None or isinstance(R, str) else R
+    first = attitude_of(found.imu, axes)
+    estimate = estimate_headings(
+        with_progress(iter(opened), "reading for the gyro"),
+        lens,
+        attitude=first,
+        **{**options, "keep_correspondences": True},
+    )
+    better = corrected(found.imu, first, estimate, focal=lens.focal, R_cam_imu=axes, turn=turn)
+    for note in better.notes:
+        opened.note(note)
+    return better.attitude
 
 
 def _summary(estimate: HeadingEstimate, recording: Recording, seconds: float) -> str:

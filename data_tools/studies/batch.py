@@ -23,7 +23,12 @@ from data_tools.studies._engine.result import StudyResult, load_study
 from data_tools.studies._engine.run import run
 from data_tools.studies._engine.study import Cell, Study
 from data_tools.studies.batch_again import take_along
-from data_tools.studies.batch_list import MOTION_OPTIONS, READING_OPTIONS, read_list
+from data_tools.studies.batch_list import (
+    IMU_OPTIONS,
+    MOTION_OPTIONS,
+    READING_OPTIONS,
+    read_list,
+)
 from evcalib.alignment import Calibration
 from evcalib.errors import EvcalibError
 from evcalib.geometry import matrix_to_rpy
@@ -169,7 +174,8 @@ def trial(
             given[name] = tuple(given[name])
     if "odometry_sd" in given:
         given["odometry_sd"] = np.radians(given["odometry_sd"])
-    for group, names in (("reading", READING_OPTIONS), ("motion", MOTION_OPTIONS)):
+    groups = {"reading": READING_OPTIONS, "motion": MOTION_OPTIONS, "imu": IMU_OPTIONS}
+    for group, names in groups.items():
         options = {new: given.pop(name) for name, new in names.items() if name in given}
         if options:
             given[group] = options

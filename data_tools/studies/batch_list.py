@@ -33,6 +33,7 @@ from pathlib import Path
 from typing import Any
 
 from data_tools.files.text import Mapping, read_yaml
+from data_tools.runs.imu import AUTO, rotation_of
 from evcalib.errors import InputError
 
 Entry = dict[str, Any]
@@ -46,7 +47,11 @@ MOTION_OPTIONS = {
     **{name: name for name in ("columns", "topic", "wheel_radius", "clock_shift", "twist_frame")},
     "motion_time_unit": "time_unit",
 }
-"""Keys that are options of reading the events, and of reading the motion, and their names there."""
+IMU_OPTIONS = {
+    "imu": "source",
+    **{f"imu_{name}": name for name in ("rotation", "unit", "columns", "time_unit", "stream")},
+}
+"""Keys that are options of reading the events, the motion and the IMU, and their names there."""
 
 NAME = re.compile(r"[\w][\w .+-]*")
 
@@ -120,6 +125,15 @@ def _columns(value: Any, home: Path) -> Any:
     return value if isinstance(value, dict) else _path(value, home)
 
 
+def _imu(value: Any, home: Path) -> str:
+    return AUTO if value == AUTO else _path(value, home)
+
+
+def _rotation(value: Any, home: Path) -> str:
+    rotation_of(_word(value, home))
+    return str(value)
+
+
 def _name(value: Any, home: Path) -> str:
     if not isinstance(value, str) or NAME.fullmatch(value) is None:
         raise InputError("must be letters, digits, and _ . + - or blanks: it names a folder")
@@ -148,6 +162,12 @@ KEYS: dict[str, Callable[[Any, Path], Any]] = {
     "clock_shift": _number(-math.inf, "a number of seconds"),
     "twist_frame": _one_of("body", "ground"),
     "wheel_radius": _number(0, "a positive number of metres", above=True),
+    "imu": _imu,
+    "imu_rotation": _rotation,
+    "imu_unit": _one_of("rad/s", "deg/s"),
+    "imu_columns": _columns,
+    "imu_time_unit": _one_of("s", "ms", "us", "ns"),
+    "imu_stream": _word,
     "time_unit": _one_of("s", "ms", "us", "ns"),
     "format": _word,
     "disorder": _one_of("refuse", "sort", "drop"),
@@ -227,6 +247,8 @@ def _complete(entry: Entry, defaults: AnyMapping[str, Any], where: str) -> Entry
             missing[-2:] = ["velocities (or wheels and vehicle)"]
     elif "wheels" in entry or "vehicle" in entry:
         raise InputError(f"{where}: give either velocities, or wheels and vehicle")
+    if "imu" not in entry:
+        missing += [f"imu, which {key} is of" for key in IMU_OPTIONS if key in entry]
     if missing:
         raise InputError(f"{where}: there is no {', no '.join(missing)}")
     if "name" not in entry:

@@ -29,7 +29,8 @@ class Correspondences:
     Attributes
     ----------
     r1, r2 : ndarray, shape (n, 3)
-        Unit bearings in the camera frame.
+        Unit bearings in the camera frame; where a gyro told how the camera turns, `r2` as seen by a
+        camera that has not turned since `t1`.
     t1, t2 : ndarray, shape (n,)
         Times of the corners themselves [s].
     inlier : ndarray of bool, shape (n,)

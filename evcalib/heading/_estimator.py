@@ -17,6 +17,7 @@ from evcalib.heading._result import HeadingEstimate
 from evcalib.heading._snapshot import RateCounter, SnapshotKeeper
 from evcalib.heading._threads import Threads
 from evcalib.heading._windows import HeadingWindows
+from evcalib.imu import Attitude
 
 
 class HeadingEstimator:
@@ -29,6 +30,8 @@ class HeadingEstimator:
     ----------
     camera : Camera
         Of the sensor that the events come from.
+    attitude : Attitude, optional
+        How the camera turns, from its gyro (`evcalib.imu.attitude_of`).
     surface, detector, localisation, solver, rate, max_baseline, threshold, min_inliers
         As in `HeadingOptions`.
     max_sd, enough_sd, seed, keep_correspondences, denoise
@@ -36,8 +39,10 @@ class HeadingEstimator:
     """
 
     @takes_options
-    def __init__(self, camera: Camera, **options: Any) -> None:
+    def __init__(self, camera: Camera, *, attitude: Attitude | None = None, **options: Any) -> None:
         instance(camera, "camera", Camera)
+        if attitude is not None:
+            instance(attitude, "attitude", Attitude)
         chosen = HeadingOptions(**options)
         self._maker = KeyframeMaker(camera, chosen)
         self._aligned = LOCALISATIONS[chosen.localisation] is not None
@@ -50,6 +55,7 @@ class HeadingEstimator:
             camera.focal,
             self._match,
             size=(camera.width, camera.height),
+            attitude=attitude,
             on_heading=self._snapshots.offer,
             submit=self._threads.submit,
         )
@@ -100,7 +106,11 @@ class HeadingEstimator:
 
 @takes_options
 def estimate_headings(
-    events: Events | Iterable[Events], camera: Camera, **options: Any
+    events: Events | Iterable[Events],
+    camera: Camera,
+    *,
+    attitude: Attitude | None = None,
+    **options: Any,
 ) -> HeadingEstimate:
     """Estimate the direction of motion of an event camera from its events.
 
@@ -116,6 +126,9 @@ def estimate_headings(
         The stream, whole or in pieces; of pieces only one is held at a time.
     camera : Camera
         Calibrated for the size of the events.
+    attitude : Attitude, optional
+        How the camera turns, from its gyro (`evcalib.imu.attitude_of`).  Matches are turned back by
+        it; a heading is in the axes of the camera in the middle of its window.
     surface, detector, localisation, solver, rate, max_baseline, threshold, min_inliers
         As in `HeadingOptions`, which tells what each does and its default.
     max_sd, enough_sd, seed, keep_correspondences, denoise
@@ -137,16 +150,16 @@ def estimate_headings(
 
     Notes
     -----
-    The two-point solver takes the camera not to turn while it translates.  A steady turn on top
-    of a translation is not noticed: simulated at 0.5 m/s and 0.02 rad/s it costs 3 degrees.  A
-    turn alone is noticed and gives no heading.  Parallax must show, so a far or flat scene gives
-    none either.
+    The two-point solver takes the camera not to turn while it translates, but for what `attitude`
+    tells.  A steady turn on top of a translation is not noticed: simulated at 0.5 m/s and 0.02
+    rad/s it costs 3 degrees.  A turn alone is noticed and gives no heading.  Parallax must show, so
+    a far or flat scene gives none either.
 
     References
     ----------
     Li et al. 2024, section III.
     """
-    estimator = HeadingEstimator(camera, **options)
+    estimator = HeadingEstimator(camera, attitude=attitude, **options)
     if not isinstance(events, Events | Iterable):
         raise InputError(f"Events or pieces of them are needed, not {type(events).__name__}")
     try:

@@ -20,6 +20,7 @@ TO_AND_FRO = "matches move to and fro along the direction"
 ONE_PLACE = "only a small part of the image moves"
 UNCERTAIN = "direction uncertain"
 NOT_NEWER = "not newer than the heading before"
+NO_ATTITUDE = "the IMU does not cover it"
 
 # What follows are choices.  Half or double of most gives the same heading of a simulated drive
 # (tests/test_heading_thresholds.py names them); that standing still, noise and lost matches are

@@ -14,8 +14,10 @@ from evcalib.heading._keyframes import Counts, Numbered
 from evcalib.heading._matches import KeyframeMatches
 from evcalib.heading._options import HeadingOptions
 from evcalib.heading._result import Found, Gap, HeadingEstimate, collected
+from evcalib.heading._stabilised import at_middle, covered, stabilised
 from evcalib.heading._threads import Submit, at_once
-from evcalib.heading._window_fit import NOT_NEWER, TOO_FEW, Fit, fit
+from evcalib.heading._window_fit import NO_ATTITUDE, NOT_NEWER, TOO_FEW, Fit, fit
+from evcalib.imu import Attitude
 
 K = TypeVar("K", bound=Numbered)
 
@@ -23,12 +25,20 @@ AHEAD = 4
 """Windows that may be worked on at once: enough for some threads, few enough to stop at once."""
 
 
+class _Pooled(NamedTuple):
+    """The matches of a window as seen, those to keep, turned back by a gyro, and the fit."""
+
+    matches: KeyframeMatches
+    kept: KeyframeMatches
+    fit: Fit | str
+
+
 class _Window(NamedTuple, Generic[K]):
     """A window whose fit is under way."""
 
     centre: int
     keyframes: Sequence[K]
-    pooled: Future[tuple[KeyframeMatches, Fit | str] | None]
+    pooled: Future[_Pooled | str]
 
 
 class HeadingWindows(Generic[K]):
@@ -44,6 +54,8 @@ class HeadingWindows(Generic[K]):
         Matches of two keyframes, the earlier first; None without any.
     size : tuple of int, optional
         Width and height of the sensor [px]; without it matches may all be in one place.
+    attitude : Attitude, optional
+        How the camera turns: matches are then turned back, those that are kept to their first time.
     on_heading : callable
         Called with the keyframes at hand, the matches of the window and its fit.
     submit : callable
@@ -58,11 +70,12 @@ class HeadingWindows(Generic[K]):
         match: Callable[[K, K], KeyframeMatches | None],
         *,
         size: tuple[int, int] | None = None,
+        attitude: Attitude | None = None,
         on_heading: Callable[[Sequence[K], KeyframeMatches, Fit], object] = lambda *_: None,
         submit: Submit = at_once,
     ) -> None:
         self._options, self._focal, self._size = options, focal, size
-        self._submit = submit
+        self._submit, self._attitude = submit, attitude
         self._match, self._on_heading = match, on_heading
         self._lag = options.steps // 2 + 1
         self._keyframes: deque[K] = deque(maxlen=2 * self._lag + 1)
@@ -111,23 +124,28 @@ class HeadingWindows(Generic[K]):
         if len(self._under_way) > AHEAD:
             self._finish(self._under_way.popleft())
 
-    def _pooled(
-        self, parts: Sequence[Future[KeyframeMatches | None]]
-    ) -> tuple[KeyframeMatches, Fit | str] | None:
-        """Pool the matches of all pairs and fit them; None without matches."""
+    def _pooled(self, parts: Sequence[Future[KeyframeMatches | None]]) -> _Pooled | str:
+        """Pool the matches of all pairs and fit them; without matches say why."""
         found = [matches for part in parts if (matches := part.result()) is not None]
         if not found:
-            return None
+            return TOO_FEW
         matches = KeyframeMatches.pooled(found)
-        return matches, fit(matches, self._options, self._focal, self._size)
+        kept = straight = matches
+        if self._attitude is not None:
+            matches = covered(matches, self._attitude)
+            if not len(matches):
+                return NO_ATTITUDE
+            kept = stabilised(matches, self._attitude, self._focal)
+            straight = at_middle(kept, self._attitude)
+        return _Pooled(matches, kept, fit(straight, self._options, self._focal, self._size))
 
     def _finish(self, window: _Window[K]) -> None:
         """Keep what was found in a window."""
         centre, pooled = window.centre, window.pooled.result()
-        if pooled is None:
-            self._gaps.append(Gap(centre * self._options.step, TOO_FEW))
+        if isinstance(pooled, str):
+            self._gaps.append(Gap(centre * self._options.step, pooled))
             return
-        matches, found = pooled
+        matches, kept, found = pooled
         if isinstance(found, Fit) and self._found and found.t <= self._found[-1].t:
             found = NOT_NEWER
         if self._kept is not None:
@@ -135,9 +153,9 @@ class HeadingWindows(Generic[K]):
             own = matches.middle // 2 == centre
             none = np.zeros(int(own.sum()), dtype=np.bool_)
             if isinstance(found, str):
-                self._kept.add(matches[own], none, NO_HEADING)
+                self._kept.add(kept[own], none, NO_HEADING)
             else:
-                self._kept.add(matches[own], found.agreeing[own], len(self._found))
+                self._kept.add(kept[own], found.agreeing[own], len(self._found))
         if isinstance(found, str):
             self._gaps.append(Gap(centre * self._options.step, found))
             return

@@ -17,7 +17,7 @@ from evcalib.checks import instance, positive
 from evcalib.joint import _model_checks as checks
 from evcalib.joint._offset_search import FEWEST, GATE, Search, curve_of, search_offsets
 from evcalib.joint._result import SYSTEMATIC, JointRefinement, Systematic
-from evcalib.joint._solver import LAG, OFFSET, POSITION, Fit, Problem, covariance_of, solve
+from evcalib.joint._solver import LAG, OFFSET, POSITION, Fit, Problem, by_gyro, covariance_of, solve
 from evcalib.joint._world_motion import jump_floor, turning_radius, world_motion, yaw_rate_error
 from evcalib.joint.tracks import Tracks
 from evcalib.kinematics.velocity_track import VelocityTrack
@@ -66,6 +66,7 @@ def refine_jointly(
     systematic: Systematic = SYSTEMATIC,
     lever: tuple[float, float, float] = (0.0, 0.0, 0.0),
     estimate_position: bool = False,
+    gyro_sd: float | None = None,
 ) -> JointRefinement | None:
     """Refine rotation, offset and position on all observations of all corners.
 
@@ -100,6 +101,11 @@ def refine_jointly(
     estimate_position : bool
         Take x and y of it as a start only.  A body that does not turn does not show them: their
         standard deviation is then a metre and more.
+    gyro_sd : float, optional
+        Given where a gyro turned all `r2` back, to bearings of a camera that stands as at `t1`:
+        how far its rates may still be off, all the time and about any axis [rad/s].  The yaw of
+        the odometry then bends the path, and moves a camera off the origin, but turns no bearing;
+        the rate that is estimated every 50 ms is what the gyro is off by about the body's z.
 
     Returns
     -------
@@ -128,7 +134,12 @@ def refine_jointly(
     tracks = tracks.thinned(MOST)
     if len(tracks) < FEWEST:
         return None
+    if gyro_sd is not None:
+        positive(gyro_sd, "gyro_sd", "radians per second")
     problem = _problem(tracks, velocities, track, focal, systematic, lever)
+    if gyro_sd is not None:
+        sd = float(np.hypot(gyro_sd, systematic.yaw_rate_sd))
+        problem = replace(problem, yaw_rate_sd=sd, gyro_sd=gyro_sd)
     free = np.repeat([True, estimate_offset, True, estimate_position], [3, 1, 1, 2])
     widest = WIDEST / focal
     grid = candidate_offsets(max_offset)
@@ -139,6 +150,7 @@ def refine_jointly(
     problem, fit = checks.with_turning(problem, fit, free, widest)
     problem, fit, drift = checks.without_drift(problem, fit, free, widest)
     covariance, samples = covariance_of(problem, fit, free)
+    covariance += by_gyro(problem, fit, free)
     covariance[:3, :3] += systematic.rotation_sd**2 * np.eye(3)
     if estimate_position:
         shared = POSITION_BIAS * systematic.rotation_sd * turning_radius(problem.motion)

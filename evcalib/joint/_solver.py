@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from evcalib.arrays import Flags, Floats, Integers
-from evcalib.geometry import rotation_vector_to_matrix
+from evcalib.geometry import rotation_vector_to_matrix, unit
 from evcalib.joint.tracks import Tracks
 from evcalib.kernels.joint import observations as kernel
 from evcalib.kernels.joint.observation_model import WorldMotion
@@ -47,13 +47,19 @@ FARTHEST = 0.3
 """Largest step [rad, s, m].  A choice: so far a linearisation still points the right way."""
 
 
+TRIED = 0.1
+"""Part of the gyro's error by which its effect is tried: the loss bends under all of it."""
+
+
 @dataclass(frozen=True, eq=False)
 class Problem:
     """What stays the same in a fit; lengths in radians, times in seconds.
 
     `group` numbers the stretch of time that each track starts in; `lever` is where the camera is
     expected on the body, by `lever_sd` sure, if that is unknown; `yaw_rate_sd` is how far the yaw
-    rate of the odometry may be off over a track.
+    rate of the odometry may be off over a track.  Where a gyro turned later bearings back,
+    `gyro_sd` [rad/s] is how far its rates may be off all the time, about any axis, and
+    `yaw_rate_sd` is about the body's z, over a track.
     """
 
     tracks: Tracks
@@ -65,6 +71,7 @@ class Problem:
     lag: float
     lag_sd: float
     yaw_rate_sd: float
+    gyro_sd: float | None = None
 
     def part(self, tracks: Tracks) -> Problem:
         """Return the same problem for other tracks."""
@@ -119,7 +126,7 @@ def linearise(problem: Problem, fit: Fit) -> None:
         fit.R,
         kernel.Unknowns(fit.offset, fit.lag, tuple(fit.position), fit.yaw_rate_bias),
         problem.motion,
-        kernel.Options(fit.loss_scale, problem.slowest),
+        kernel.Options(fit.loss_scale, problem.slowest, problem.gyro_sd is not None),
         kernel.Linearisation(fit.residuals, fit.weights, fit.distances, fit.gradients, fit.losses),
     )
 
@@ -253,6 +260,40 @@ def covariance_of(problem: Problem, fit: Fit, free: Flags) -> tuple[Floats, floa
         np.linalg.pinv(information[chosen] / scale, rcond=1e-12, hermitian=True) / scale
     )
     return inverse @ scatter @ inverse / (lost * slope_of_loss(fit) ** 2), samples
+
+
+def by_gyro(problem: Problem, fit: Fit, free: Flags) -> Floats:
+    """Return what a steady error of the gyro adds to the covariance (7, 7).
+
+    The change of the gradient under an error about each axis, and the step that answers it.
+    """
+    added = np.zeros((YAW_RATE, YAW_RATE))
+    if problem.gyro_sd is None:
+        return added
+    t = problem.tracks
+    reduced = Reduced.of(problem, fit)
+    information, _ = _posterior(problem, fit, reduced)
+    chosen, before = np.ix_(free, free), reduced.gradients.sum(axis=0)
+    size = np.sqrt(np.maximum(np.diag(information)[free], 1e-300))
+    scale = np.outer(size, size)
+    inverse = np.linalg.pinv(information[chosen] / scale, rcond=1e-12, hermitian=True) / scale
+    for axis in np.eye(3):
+        r2 = t.r2 + TRIED * problem.gyro_sd * (t.t2 - t.t1)[:, None] * np.cross(axis, t.r2)
+        turned = problem.part(replace(t, r2=unit(r2)))
+        again = replace(
+            fit,
+            residuals=fit.residuals.copy(),
+            weights=fit.weights.copy(),
+            distances=fit.distances.copy(),
+            gradients=fit.gradients.copy(),
+            losses=fit.losses.copy(),
+        )
+        linearise(turned, again)
+        change = np.zeros(YAW_RATE)
+        after = Reduced.of(turned, again).gradients.sum(axis=0)
+        change[free] = inverse @ (after - before)[free] / (TRIED * slope_of_loss(fit))
+        added += np.outer(change, change)
+    return added
 
 
 def group_times(problem: Problem, fit: Fit) -> Floats:

@@ -16,7 +16,6 @@ from evcalib.errors import InputError, NoAnswerError
 from evcalib.geometry import rotation_vector_to_matrix
 from evcalib.heading import HeadingEstimate
 from evcalib.joint import JointRefinement, Start
-from evcalib.joint.tracks import tracks_of
 from evcalib.kinematics.velocity_track import VelocityTrack, smoothed, velocity_track
 from evcalib.pipeline._assessment import (
     RefinedCalibration,
@@ -25,6 +24,7 @@ from evcalib.pipeline._assessment import (
     offset_observable,
 )
 from evcalib.pipeline._derotation import at_camera, derotated
+from evcalib.pipeline._gyro import doubted
 from evcalib.pipeline._position import positioned
 from evcalib.pipeline._refinement import Asked, Refiner
 from evcalib.pipeline._turning import turns_variously
@@ -74,8 +74,8 @@ def by_turning(
         If there are too few sightings, or no headings even so.
     """
     assert estimate.correspondences is not None
-    tracks = tracks_of(estimate.correspondences)
-    refine = Refiner(tracks, velocities, track, turning, asked)
+    refine = Refiner.of(estimate.correspondences, velocities, track, turning, asked)
+    tracks = refine.tracks
     with stage("global start"):
         start = refine.start()
     if start is None:
@@ -109,6 +109,7 @@ def by_turning(
     else:
         final = _at_offset(aligned, joint, seen.headings, turning, asked)
     final = final.widened(velocities.direction_sd, given=asked.odometry_sd is not None)
+    final = doubted(final, asked.gyro)
     trusted = various and (known or asked.offset is not None)
     return positioned(final, asked.told, turning, free, trusted=trusted), seen
 
@@ -155,7 +156,10 @@ def _headings(
         return np.interp(t + joint.offset, track.t, yaw)
 
     axis = joint.R_body_cam[2]
-    seen = derotated(estimate, axis, turned, focal=asked.focal, seed=asked.seed)
+    # A gyro has taken the turning out already, that of all axes.
+    seen = estimate
+    if asked.gyro is None:
+        seen = derotated(estimate, axis, turned, focal=asked.focal, seed=asked.seed)
     told = replace(velocities, yaw_rate=rate)
     return seen, at_camera(told, joint.position)
 

@@ -14,17 +14,19 @@ import numpy as np
 
 from evcalib import checks
 from evcalib.alignment import Calibration, align, enough
+from evcalib.arrays import Floats
 from evcalib.camera import Camera
 from evcalib.errors import InputError, NoAnswerError
 from evcalib.events import Events
 from evcalib.geometry import rotation_angle
 from evcalib.heading import HeadingEstimate, estimate_headings
+from evcalib.imu import ImuSeries
 from evcalib.joint import SURE, SYSTEMATIC, JointRefinement, Systematic
-from evcalib.joint.tracks import tracks_of
 from evcalib.kinematics import MAX_REACH, BodyVelocities
 from evcalib.kinematics.velocity_track import VelocityTrack, velocity_track
 from evcalib.pipeline._assessment import RefinedCalibration, finish, keep, offset_observable
 from evcalib.pipeline._by_turning import Stage, by_turning
+from evcalib.pipeline._gyro import Gyro, against_events, doubted, gyro_of
 from evcalib.pipeline._position import Told, positioned
 from evcalib.pipeline._refinement import Asked, Refiner
 from evcalib.pipeline._run import CalibrationRun, Gating, package_versions
@@ -54,6 +56,8 @@ def calibrate(
     offset: float | None = None,
     camera_position: tuple[float, float, float] | None = None,
     camera_height: float | None = None,
+    imu: ImuSeries | None = None,
+    R_cam_imu: Floats | str | None = None,
     refinement: str = "tracks",
     systematic: Systematic = SYSTEMATIC,
     surface: str = "tos_ts",
@@ -89,6 +93,14 @@ def calibrate(
     camera_height : float, optional
         Height z of the camera above the body's origin [m], which no motion in a plane shows, for
         exports; not beside another z in `camera_position`.
+    imu : ImuSeries, optional
+        Of the camera, on its clock.  Its gyro then tells how the camera turns between sightings:
+        pitch, roll and vibration too.  Its bias is taken from the mean of the drive, then from the
+        events.
+    R_cam_imu : array_like, shape (3, 3), or "estimate", optional
+        From the axes of the IMU to those of the camera; the same axes if not given.  Estimated, the
+        events correct a small turn of the same axes (tried with 10 degrees), as far as the turning
+        of the camera shows it.
     refinement : {"tracks", "none"}
         Whether to refine; ``none`` is the paper's chain.
     systematic : Systematic
@@ -109,7 +121,8 @@ def calibrate(
     Raises
     ------
     InputError
-        If an input is of another type or unusable, or the two clocks do not overlap.
+        If an input is of another type or unusable, the two clocks do not overlap, or wheels or
+        events contradict the gyro.
     NoAnswerError
         If there are too few headings; it tells why most windows have none.
 
@@ -139,20 +152,28 @@ def calibrate(
     told = _told(camera_position, camera_height)
     body = velocities.velocities if isinstance(velocities, BodyVelocities) else velocities
     timings: dict[str, float] = {}
+    gyro = _gyro(imu, R_cam_imu, body, max_offset)
     with _stage("headings", on_stage, timings):
         estimate = estimate_headings(
             _overlapping(events, body, max_offset),
             camera,
+            attitude=None if gyro is None else gyro.attitude,
             surface=surface,
             rate=rate,
             seed=seed,
             denoise=denoise,
             keep_correspondences=True,
         )
+        if gyro is not None and imu is not None:
+            gyro, estimate = against_events(
+                gyro, imu, estimate, focal=camera.focal, turn=isinstance(R_cam_imu, str)
+            )
     final, estimate = _calibrated(
         estimate,
         body,
-        Asked(camera.focal, max_offset, offset, told, refinement, systematic, odometry_sd, seed),
+        Asked(
+            camera.focal, max_offset, offset, told, refinement, systematic, odometry_sd, seed, gyro
+        ),
         lambda name: _stage(name, on_stage, timings),
     )
     settings: dict[str, Any] = {
@@ -165,9 +186,11 @@ def calibrate(
         "rate": float(rate),
         "odometry_sd": odometry_sd,
         "denoise": denoise,
+        **({} if gyro is None else {"imu": gyro.settings()}),
     }
     return CalibrationRun(
         calibration=final,
+        gyro=gyro,
         estimate=estimate,
         velocities=body,
         gating=Gating.of(velocities) if isinstance(velocities, BodyVelocities) else None,
@@ -183,6 +206,7 @@ def calibrate_estimate(
     velocities: VelocitySeries,
     *,
     focal: float,
+    gyro: Gyro | None = None,
     max_offset: float = 1.0,
     offset: float | None = None,
     camera_position: tuple[float, float, float] | None = None,
@@ -205,6 +229,8 @@ def calibrate_estimate(
         Motion of the body.
     focal : float
         Pixels per radian, to speak of pixels.
+    gyro : Gyro, optional
+        What turned the matches back, where one did.
     stage : callable
         Context in which each stage runs, given its name.
     max_offset, offset, camera_position, camera_height, refinement, systematic, odometry_sd, seed
@@ -216,7 +242,7 @@ def calibrate_estimate(
         Also where the motion cannot answer: then it says what is unknown.
     """
     told = _told(camera_position, camera_height)
-    asked = Asked(focal, max_offset, offset, told, refinement, systematic, odometry_sd, seed)
+    asked = Asked(focal, max_offset, offset, told, refinement, systematic, odometry_sd, seed, gyro)
     return _calibrated(estimate, velocities, asked, stage)[0]
 
 
@@ -243,6 +269,23 @@ def _within(told: Told) -> Told:
     return told
 
 
+def _gyro(
+    imu: ImuSeries | None,
+    R_cam_imu: Floats | str | None,
+    body: VelocitySeries,
+    max_offset: float,
+) -> Gyro | None:
+    """Return the gyro as it is taken at first; None without an IMU."""
+    if imu is None:
+        if R_cam_imu is not None:
+            raise InputError("R_cam_imu says how an IMU is turned: give imu too, or leave it out")
+        return None
+    if isinstance(R_cam_imu, str):
+        checks.one_of(R_cam_imu, "R_cam_imu", ("estimate",))
+        R_cam_imu = None
+    return gyro_of(imu, R_cam_imu, body, max_offset)
+
+
 def _calibrated(
     estimate: HeadingEstimate, velocities: VelocitySeries, asked: Asked, stage: Stage
 ) -> tuple[RefinedCalibration, HeadingEstimate]:
@@ -265,12 +308,18 @@ def _calibrated(
             offset=asked.offset,
             seed=asked.seed,
         )
+    if asked.gyro is not None and velocities.yaw_rate is None:
+        velocities = asked.gyro.yaw_for(velocities, aligned)
+        turning = turning_beyond_noise(velocities, track)
+        if asked.refinement == "tracks" and turning > LEADS:
+            told = replace(velocities, direction_sd=shared)
+            return by_turning(estimate, told, track, turning, asked, stage)
     if asked.refinement == "none":
         final, free = RefinedCalibration.after(aligned), None
     else:
         with stage("refinement"):
             final, free = _refined(aligned, estimate, velocities, track, turning, asked)
-    final = final.widened(shared, given=given)
+    final = doubted(final.widened(shared, given=given), asked.gyro)
     return positioned(final, asked.told, turning, free), estimate
 
 
@@ -300,8 +349,7 @@ def _refined(
     """
     assert estimate.correspondences is not None
     # A corner needs no heading to be followed: what windows without one saw counts as well.
-    tracks = tracks_of(estimate.correspondences)
-    refine = Refiner(tracks, velocities, track, turning, asked)
+    refine = Refiner.of(estimate.correspondences, velocities, track, turning, asked)
     joint, free = refine(aligned.R_body_cam, aligned.offset)
     if not _determines(joint, track, asked) and not aligned.rotation_observable:
         joint, free = _from_nothing(refine, aligned, joint, free)

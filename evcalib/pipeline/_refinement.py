@@ -6,9 +6,12 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from evcalib.arrays import Floats
+from evcalib.heading import Correspondences
+from evcalib.heading.gyro import as_seen
 from evcalib.joint import JointRefinement, Start, Systematic, global_start, refine_jointly
-from evcalib.joint.tracks import Tracks
+from evcalib.joint.tracks import Tracks, tracks_of
 from evcalib.kinematics.velocity_track import VelocityTrack
+from evcalib.pipeline._gyro import Gyro
 from evcalib.pipeline._position import Told, contradicts
 from evcalib.pipeline._turning import TURNS
 from evcalib.series import VelocitySeries
@@ -25,22 +28,43 @@ class Asked(NamedTuple):
     systematic: Systematic
     odometry_sd: float | None
     seed: int
+    gyro: Gyro | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class Refiner:
-    """Refines on some tracks; `turning` is the body's yaw rate beyond noise [rad/s], rms."""
+    """Refines on some tracks; `turning` is the body's yaw rate beyond noise [rad/s], rms.
+
+    Where a gyro turned the tracks back, `seen` holds them as the camera saw them: the global start
+    takes the turning out by the odometry's yaw.
+    """
 
     tracks: Tracks
     velocities: VelocitySeries
     track: VelocityTrack
     turning: float
     asked: Asked
+    seen: Tracks
+
+    @classmethod
+    def of(
+        cls,
+        found: Correspondences,
+        velocities: VelocitySeries,
+        track: VelocityTrack,
+        turning: float,
+        asked: Asked,
+    ) -> Refiner:
+        """Return that of correspondences, turned back where a gyro is asked for."""
+        tracks = seen = tracks_of(found)
+        if asked.gyro is not None:
+            seen = tracks_of(as_seen(found, asked.gyro.attitude))
+        return cls(tracks, velocities, track, turning, asked, seen)
 
     def start(self) -> Start | None:
         """Return where to begin without headings; None where too few tracks are covered."""
         return global_start(
-            self.tracks,
+            self.seen,
             self.velocities,
             self.track,
             focal=self.asked.focal,
@@ -94,4 +118,5 @@ class Refiner:
             max_offset=self.asked.max_offset,
             systematic=self.asked.systematic,
             lever=lever,
+            gyro_sd=None if self.asked.gyro is None else self.asked.gyro.rate_sd,
         )

@@ -15,6 +15,7 @@ from evcalib.display import Shown
 from evcalib.heading import HeadingEstimate
 from evcalib.kinematics import BodyVelocities
 from evcalib.pipeline._assessment import RefinedCalibration
+from evcalib.pipeline._gyro import Gyro
 from evcalib.series import VelocitySeries
 
 PACKAGES = ("evcalib", "numpy", "scipy", "numba", "opencv-python-headless", "matplotlib")
@@ -117,6 +118,8 @@ class CalibrationRun(Shown):
         Where it is known.
     camera : Camera, optional
         The camera as it was given.
+    gyro : Gyro, optional
+        What the camera's IMU gave, where one was used.
     """
 
     calibration: RefinedCalibration
@@ -132,6 +135,7 @@ class CalibrationRun(Shown):
     files: Mapping[str, InputFile] = field(default_factory=dict)
     truth: Truth | None = None
     camera: Camera | None = None
+    gyro: Gyro | None = None
 
     @property
     def gap_reasons(self) -> list[tuple[str, int]]:

@@ -251,6 +251,57 @@ def motion_bag(kind, joints=False):
     return _bag_file(make, "/motion", messages, 500)
 
 
+def _imu_rows():
+    rng = np.random.default_rng(3)
+    return 2000 * np.arange(40), rng.integers(-300, 300, (40, 3)), rng.integers(-9, 9, (40, 3))
+
+
+def imu_aedat2():
+    """Return AEDAT 2.0 of a DAVIS: nothing but samples of its IMU."""
+    head = b"#!AER-DAT2.0\r\n# AEChip: a.DAVIS240C\r\n#End Of ASCII Header\r\n"
+    words = []
+    for t, rate, force in zip(*_imu_rows(), strict=True):
+        for code, value in enumerate((*force, 4096, *rate)):
+            words += [1 << 31 | code << 28 | (int(value) & 0xFFFF) << 12 | 3 << 10, int(t)]
+    return head + struct.pack(f">{len(words)}I", *words)
+
+
+def imu_aedat3():
+    """Return AEDAT 3.1 whose first packet of four holds events, and the others IMU samples."""
+    parts, (t, rate, force) = aedat3(step=COUNT), _imu_rows()
+    for first in range(0, 40, 10):
+        parts += struct.pack("<hhiiiiii", 3, 0, 36, 4, 0, 10, 10, 10)
+        parts += b"".join(
+            struct.pack("<Ii7f", 1, t[k], *force[k], *rate[k], 20.0)
+            for k in range(first, first + 10)
+        )
+    return parts
+
+
+def imu_hdf5(mvsec=False):
+    """Return HDF5 with an IMU as M3ED has it, or MVSEC."""
+    (t, rate, force), held = _imu_rows(), io.BytesIO()
+    with h5py.File(held, "w", libver="earliest") as file:
+        if mvsec:
+            file["davis/left/imu"] = np.hstack([force, rate / 100])
+            file["davis/left/imu_ts"] = t / 1e6
+        else:
+            file["ovc/imu/ts"], file["ovc/imu/omega"], file["ovc/imu/accel"] = t, rate / 100, force
+    return held.getvalue()
+
+
+def imu_bag():
+    """Return a bag of an IMU."""
+    from bag_writing import Maker
+
+    make, (t, rate, force) = Maker("ros1"), _imu_rows()
+    stamps = START_NS + 1000 * t
+    messages = [
+        (s, make.imu(s, w / 100, a)) for s, w, a in zip(stamps.tolist(), rate, force, strict=True)
+    ]
+    return _bag_file(make, "/imu", messages, 500)
+
+
 def _bag_file(make, topic, messages, chunk):
     with TemporaryDirectory() as folder:
         path = make.write(Path(folder), [(topic, messages)], chunk)

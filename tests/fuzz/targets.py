@@ -11,12 +11,13 @@ from fuzz import seeds
 
 from data_tools.logs.camera_files import read_camera
 from data_tools.logs.column_maps import column_map
+from data_tools.logs.imu_files import read_imu_table
 from data_tools.logs.series_files import read_headings, read_paired_streams, read_velocities
 from data_tools.logs.trajectory_files import read_tum
 from data_tools.logs.vehicle_files import read_vehicle
 from data_tools.logs.velocity_sources import read_body_velocities
 from data_tools.logs.wheel_logs import read_wheel_log
-from data_tools.recordings import open_recording
+from data_tools.recordings import open_recording, read_imu
 from data_tools.runs.export import read_calibration, read_export
 from data_tools.studies.batch_list import read_list
 from evcalib.errors import InputError
@@ -141,6 +142,13 @@ def _motion(path: Path) -> object:
     return found
 
 
+def _imu(path: Path) -> object:
+    found = read_imu_table(path) if path.suffix == ".csv" else read_imu(path).imu
+    _finite(found.t, found.rate, found.acceleration)
+    assert (np.diff(found.t) > 0).all()
+    return found
+
+
 def _joints(path: Path) -> object:
     found = read_body_velocities(path, vehicle=TWO_WHEELS, columns=JOINTS, wheel_radius=0.1)
     _finite(found.velocities.t, found.velocities.v, found.velocities.yaw_rate)
@@ -227,6 +235,11 @@ TARGETS: dict[str, Target] = {
     "bag-twists": Target(".bag", _motion, lambda: [seeds.motion_bag("ros1")]),
     "bag-joints": Target(".mcap", _joints, lambda: [seeds.motion_bag("mcap", joints=True)]),
     "wpilog": Target(".wpilog", _modules, lambda: [seeds.wpilog()]),
+    "imu-aedat2": Target(".aedat", _imu, lambda: [seeds.imu_aedat2()]),
+    "imu-aedat3": Target(".aedat", _imu, lambda: [seeds.imu_aedat3()]),
+    "imu-bag": Target(".bag", _imu, lambda: [seeds.imu_bag()]),
+    "imu-hdf5": Target(".h5", _imu, lambda: [seeds.imu_hdf5(), seeds.imu_hdf5(mvsec=True)]),
+    "imu-table": Target(".csv", _imu, lambda: [seeds.table("t,wx,wy,wz,ax,ay,az")]),
     "wheel-log": Target(".csv", _wheel_log, lambda: [seeds.table(seeds.WHEELS)]),
     "velocities": Target(".csv", _velocities, lambda: [seeds.table("t,vx,vy,vz,yaw_rate")]),
     "headings": Target(".csv", _headings, lambda: [seeds.headings()]),

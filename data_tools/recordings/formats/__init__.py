@@ -5,7 +5,8 @@ A format module defines
 - ``NAMES``: the names of its formats, as `Recording.format` and messages show them;
 - ``matches(path, head) -> bool``: whether the content is of this format.  ``head`` is the first
   `HEAD_BYTES` bytes; it is empty for a folder.  Must not raise, and be sure: only one may match;
-- ``open(path, options) -> Source``: reads headers, checks them, and says how to get the events.
+- ``open(path, options) -> Source``: reads headers, checks them, and says how to get the events;
+- ``imu(path, options) -> Samples | None``, where the format may hold an IMU: its samples.
 
 and is listed in `MODULES`.  Everything that is the same for all formats (pixels outside the
 sensor, order in time, origin of times, size of pieces) is left to `data_tools.recordings`.
@@ -26,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data_tools.files.pipes import refuse_pipe
-from evcalib.arrays import Flags, Integers
+from evcalib.arrays import Flags, Floats, Integers
 from evcalib.checks import side
 from evcalib.errors import InputError
 
@@ -155,6 +156,28 @@ class Source:
     guessed: str | None = None
     fixed: str | None = None
     turn_us: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """What an IMU recorded, in the order of the file: not checked, perhaps with NaN.
+
+    Attributes
+    ----------
+    t_ns : ndarray of int64, shape (n,)
+        Times [ns] on the clock of the events.
+    rate : ndarray, shape (n, 3)
+        Angular velocity [rad/s].
+    acceleration : ndarray, shape (n, 3), optional
+        Specific force [m/s^2].
+    notes : tuple of str
+        What was taken for granted.
+    """
+
+    t_ns: Integers
+    rate: Floats
+    acceleration: Floats | None
+    notes: tuple[str, ...] = ()
 
 
 class Format(Protocol):

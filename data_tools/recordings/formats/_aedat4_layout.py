@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from data_tools.files.unpack import unpack
+from evcalib.arrays import Floats, Integers
 from evcalib.errors import InputError
 
 MAGIC = b"#!AER-DAT4.0\r\n"
@@ -64,6 +65,8 @@ class Layout:
         That of all packets, as :func:`data_tools.files.unpack.unpack` names it.
     sensors : dict
         Sensor (width, height) [px] of each stream of events, by its number.
+    imus : tuple of int
+        Numbers of the streams of IMU samples.
     packets : list of Packet
         All whole packets, in the order of the file.
     told : list of Told or None
@@ -74,6 +77,7 @@ class Layout:
 
     compression: str
     sensors: dict[int, tuple[int, int]]
+    imus: tuple[int, ...]
     packets: list[Packet]
     told: list[Told] | None
     cut_off: int
@@ -98,7 +102,7 @@ def read_layout(path: Path) -> Layout:
                 raise InputError(f"{path} ends within its header, or the header is damaged")
             header = file.read(length)
             try:
-                compression, table, streams = _header(header)
+                compression, table, streams, imus = _header(header)
             except (InputError, struct.error, ValueError, ElementTree.ParseError) as error:
                 raise InputError(f"{path} is damaged in its header: {error}") from None
             told = _table(file, table, size, compression) if 18 + length <= table < size else None
@@ -110,7 +114,7 @@ def read_layout(path: Path) -> Layout:
         raise InputError(f"{path} is damaged: its packets are not those of its table")
     sensors = {number: sensor for number, sensor in streams.items() if sensor is not None}
     cut_off = 0 if at == table else end - at
-    return Layout(compression, sensors, packets, told, cut_off)
+    return Layout(compression, sensors, imus, packets, told, cut_off)
 
 
 def read_events(content: bytes) -> NDArray[np.void]:
@@ -131,6 +135,33 @@ def read_events(content: bytes) -> NDArray[np.void]:
     if events.size and events["on"].max() > 1:
         raise InputError("a polarity is neither 0 nor 1")
     return events
+
+
+def read_imu(content: bytes) -> tuple[Integers, Floats]:
+    """Return times [us] and accelerations [g], rates [deg/s] (n, 6) of a packet of IMU samples.
+
+    Each sample is a table of its own: time, temperature, three accelerations, three rates, and a
+    magnetometer.  What a writer leaves out of a table is 0.
+
+    Raises
+    ------
+    InputError
+        If it is no packet of IMU samples, or shorter than it says.
+    """
+    try:
+        if int.from_bytes(content[:4], "little") != len(content) - 4 or content[8:12] != b"IMUS":
+            raise InputError("it holds no packet of IMU samples")
+        start, count = _vector(content, _fields(content, 4)[0])
+        if start + 4 * count > len(content):
+            raise InputError("its IMU samples are cut off")
+        t, values = np.zeros(count, dtype=np.int64), np.zeros((count, 6))
+        for k in range(count):
+            time, _, *others = _fields(content, start + 4 * k, 8)
+            t[k] = _number(content, time, "<q") if time else 0
+            values[k] = [struct.unpack_from("<f", content, at)[0] if at else 0.0 for at in others]
+    except (struct.error, ValueError, IndexError) as error:
+        raise InputError(f"its IMU samples are cut off: {error}") from None
+    return t, values
 
 
 def _walk(
@@ -160,8 +191,8 @@ def _agree(packets: list[Packet], told: list[Told]) -> bool:
     return sizes and content <= {0, -8} and len(content) < 2
 
 
-def _header(data: bytes) -> tuple[str, int, dict[int, tuple[int, int] | None]]:
-    """Return compression, position of the table, and the streams; None for those of no events."""
+def _header(data: bytes) -> tuple[str, int, dict[int, tuple[int, int] | None], tuple[int, ...]]:
+    """Return compression, position of the table, the streams (None: no events), and the IMUs."""
     compression, table, node = _fields(data, 0, 3)
     code = _number(data, compression, "<i") if compression else 0
     if code not in _COMPRESSION:
@@ -174,9 +205,13 @@ def _header(data: bytes) -> tuple[str, int, dict[int, tuple[int, int] | None]]:
     if b"<!" in text:
         raise InputError("the description of its streams has entities or comments")
     streams: dict[int, tuple[int, int] | None] = {}
+    imus = []
     for stream in ElementTree.fromstring(text).findall("node[@name='outInfo']/node"):
-        streams[int(stream.get("name", ""))] = _sensor(stream)
-    return _COMPRESSION[code], position, streams
+        number = int(stream.get("name", ""))
+        streams[number] = _sensor(stream)
+        if stream.findtext("attr[@key='typeIdentifier']") == "IMUS":
+            imus.append(number)
+    return _COMPRESSION[code], position, streams, tuple(imus)
 
 
 def _sensor(stream: ElementTree.Element) -> tuple[int, int] | None:

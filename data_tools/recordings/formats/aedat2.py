@@ -1,12 +1,19 @@
 """AEDAT 2.0 (jAER): a text header, then pairs of big-endian words, an address and a time [us].
 
 What an address means depends on the chip, which the header names: DVS128, or one of the DAVIS,
-whose samples of frames and of the IMU, and triggers, are passed over.  jAER counts columns from the
-right and rows from below; here they count from the upper left, as everywhere.
+whose samples of frames, and triggers, are passed over.  jAER counts columns from the right and rows
+from below; here they count from the upper left, as everywhere.
+
+A sample of a DAVIS's IMU is seven records of one time, with bits 31, 11 and 10 set: three
+accelerations, the temperature and three rates (bits 28 to 30 say which), each of 16 bits from bit
+12 on.  Their x points to the left and their z to the back of the camera (jAER's IMUSample: rates
+count positive for tilts down, turns to the right, and rolls against the clock); here they are
+turned to the camera's own axes.  A real file (a roll) agrees with its events in sign and size.
 """
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,7 +21,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from data_tools.recordings.formats import Columns, Options, Source
+from data_tools.recordings.formats import Columns, Options, Samples, Source
 from data_tools.recordings.formats._aedat_header import MAGIC, chip_size, read_header, version
 from data_tools.recordings.formats._blocks import read_blocks
 from evcalib.arrays import Integers
@@ -67,6 +74,64 @@ def open(path: Path, options: Options) -> Source:
                 losses["bytes of a cut-off last event"] += rest
 
     return Source("aedat2", width, height, pieces, notes, fixed="us", turn_us=1 << 32)
+
+
+FULL_RATE, FULL_FORCE = 1000.0, 8.0
+"""Full scales [deg/s], [g] where the header names none: what jAER sets in a DAVIS."""
+GRAVITY = 9.80665
+AXES = "IMU: turned from the axes of a DAVIS's chip to those of the camera"
+_TO_CAMERA = np.array([-1.0, 1.0, -1.0])
+_IMU = 0x80000C00
+
+
+def imu(path: Path, options: Options) -> Samples | None:
+    """Return the samples of a DAVIS's IMU, in the axes of the camera; None where there are none."""
+    lines, start = read_header(path)
+    parts: list[NDArray[np.int64]] = []
+    rest = np.empty((0, 2), dtype=np.int64)
+    clock = Clock(32)
+    for block in read_blocks(path, start, BLOCK_BYTES):
+        words = np.frombuffer(block, ">u4", len(block) // RECORD_BYTES * 2).reshape(-1, 2)
+        words = words[(words[:, 0] & _IMU) == _IMU].astype(np.int64)
+        words[:, 1] = clock(words[:, 1])
+        whole, rest = _samples(np.concatenate([rest, words]))
+        parts.append(whole)
+    records = np.concatenate(parts) if parts else np.empty((0, 8), dtype=np.int64)
+    if not len(records):
+        return None
+    full = [
+        _full_scale(lines, r"GyroFullScaleDegPerSec(\d+)", FULL_RATE, "deg/s"),
+        _full_scale(lines, r"ImuAccelScaleG(\d+)", FULL_FORCE, "g"),
+    ]
+    force, rate = records[:, 1:4], records[:, 5:8]
+    return Samples(
+        1000 * records[:, 0].astype(np.int64),
+        np.radians(full[0][0] / 32768) * rate * _TO_CAMERA,
+        GRAVITY * full[1][0] / 32768 * force * _TO_CAMERA,
+        (AXES, *(note for _, note in full if note)),
+    )
+
+
+def _samples(words: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return whole samples, the time and seven values each, and the records of one begun last."""
+    which = (words[:, 0] >> 28) & 7
+    first = np.flatnonzero(which == 0)
+    begun = len(words) if not first.size or first[-1] + 7 <= len(words) else int(first[-1])
+    first = first[first + 7 <= len(words)]
+    rows = first[:, None] + np.arange(7)
+    good = (which[rows] == np.arange(7)).all(axis=1) & (np.ptp(words[rows, 1], axis=1) == 0)
+    rows = rows[good]
+    values = ((words[rows, 0] >> 12) & 0xFFFF).astype(np.uint16).astype(np.int16)
+    return np.column_stack([words[rows[:, 0], 1], values.astype(np.int64)]), words[begun:]
+
+
+def _full_scale(lines: list[str], pattern: str, usual: float, unit: str) -> tuple[float, str]:
+    """Return the full scale that the header names, and a note where it names none, or several."""
+    named = {float(found) for line in lines for found in re.findall(pattern, line)}
+    if len(named) == 1:
+        return named.pop(), ""
+    what = "names several full scales" if named else "names no full scale"
+    return usual, f"the header {what} of the IMU: {usual:g} {unit}, which jAER sets, was taken"
 
 
 class Clock:

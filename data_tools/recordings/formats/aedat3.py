@@ -2,7 +2,12 @@
 
 A packet has a header of 28 bytes, with kind, source, and size and number of its events; those of
 polarity take 8 bytes: bits valid, polarity, 15 of y, 15 of x, then the time [us], which goes on
-from the overflow that the header counts.  Other kinds are passed over.
+from the overflow that the header counts.  Samples of an IMU (6 or 9 axes) take 36 or 48 bytes:
+bits, time, three accelerations [g], three rates [deg/s], and what is passed over, as all other
+kinds are.
+
+The IMU's axes are taken to be those of the chip in a DAVIS, x to the left and z to the back, which
+rpg_dvs_ros turns into the camera's by the other sign of x and z.
 """
 
 from __future__ import annotations
@@ -15,7 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
-from data_tools.recordings.formats import Columns, Options, Source
+from data_tools.recordings.formats import Columns, Options, Samples, Source
 from data_tools.recordings.formats._aedat_header import MAGIC, chip_size, read_header, version
 from evcalib.errors import InputError
 
@@ -25,6 +30,10 @@ LARGEST_PACKET = 1 << 28
 """Bytes of a packet."""
 
 _POLARITY, _MOST_KINDS = 1, 32
+_IMU_BYTES = {3: 36, 4: 48}
+_TO_CAMERA = np.array([-1.0, 1.0, -1.0])
+GRAVITY = 9.80665
+AXES = "IMU: turned from the axes of a DAVIS's chip to those of the camera"
 _SOURCE = re.compile(r"#\s*Source (\d+): *(.*)")
 _FORMAT = re.compile(r"#\s*Format: *(.*)")
 
@@ -50,7 +59,7 @@ def open(path: Path, options: Options) -> Source:
     wanted = source if len(sources) > 1 else None
 
     def pieces(losses: Counter[str]) -> Iterator[Columns]:
-        for overflow, words in _packets(path, start, wanted, losses):
+        for overflow, words in _packets(path, start, wanted, losses, (_POLARITY,)):
             data = words[words[:, 0] & 1 == 1].astype(np.int64)
             if len(data) < len(words):
                 losses["events marked invalid"] += len(words) - len(data)
@@ -59,6 +68,23 @@ def open(path: Path, options: Options) -> Source:
             yield Columns(x.astype(np.uint16), y.astype(np.uint16), t, data[:, 0] & 2 == 2)
 
     return Source("aedat3", width, height, pieces, fixed="us")
+
+
+def imu(path: Path, options: Options) -> Samples | None:
+    """Return the samples of the IMU of the source, in the axes of the camera; None without any."""
+    lines, start = read_header(path)
+    sources = {found[1]: found[2] for line in lines if (found := _SOURCE.match(line))}
+    source = _chosen(path, sources, options) if len(sources) > 1 else None
+    t, values = [], []
+    for overflow, words in _packets(path, start, source, Counter(), tuple(_IMU_BYTES)):
+        data = words[words[:, 0] & 1 == 1]
+        t.append(data[:, 1].astype(np.int64) + (overflow << 31))
+        values.append(np.ascontiguousarray(data[:, 2:8]).view("<f4").astype(np.float64))
+    if not t:
+        return None
+    rows = np.concatenate(values)
+    force, rate = GRAVITY * rows[:, :3] * _TO_CAMERA, np.radians(rows[:, 3:]) * _TO_CAMERA
+    return Samples(1000 * np.concatenate(t), rate, force if force.any() else None, (AXES,))
 
 
 def _chosen(path: Path, sources: dict[str, str], options: Options) -> str | None:
@@ -73,9 +99,9 @@ def _chosen(path: Path, sources: dict[str, str], options: Options) -> str | None
 
 
 def _packets(
-    path: Path, start: int, source: str | None, losses: Counter[str]
+    path: Path, start: int, source: str | None, losses: Counter[str], kinds: tuple[int, ...]
 ) -> Iterator[tuple[int, np.ndarray]]:
-    """Yield the overflow of the clock and the words of each packet of polarity events."""
+    """Yield the overflow of the clock and the words of each packet of some kinds."""
     try:
         size = path.stat().st_size
         with path.open("rb") as file:
@@ -92,9 +118,9 @@ def _packets(
                 _check(path, at, values)
                 kind, number, each, _, overflow, _, count, _ = values
                 at += 28 + each * count
-                if kind == _POLARITY and source in (None, str(number)):
-                    data = file.read(8 * count)
-                    yield overflow, np.frombuffer(data, "<u4").reshape(-1, 2)
+                if kind in kinds and source in (None, str(number)):
+                    data = file.read(each * count)
+                    yield overflow, np.frombuffer(data, "<u4").reshape(count, each // 4)
     except OSError as error:
         raise InputError(f"cannot read {path}: {error.strerror or error}") from None
 
@@ -103,5 +129,6 @@ def _check(path: Path, at: int, values: tuple[int, ...]) -> None:
     """Refuse a header of a packet that cannot be one."""
     kind, _, each, _, overflow, capacity, count, valid = values
     fits = 0 <= kind < _MOST_KINDS and 0 < each and 0 <= valid <= count == capacity
-    if not fits or overflow < 0 or each * count > LARGEST_PACKET or (kind == 1 and each != 8):
+    known = {_POLARITY: 8, **_IMU_BYTES}.get(kind, each)
+    if not fits or overflow < 0 or each * count > LARGEST_PACKET or each != known:
         raise InputError(f"{path} is damaged: at byte {at} there is no header of a packet")

@@ -14,6 +14,10 @@
     Any dataset of n x 4 (or 4 x n) numbers, where nothing else holds events; its columns are told
     apart by what they hold.
 
+An IMU is a group with the rates ``omega`` (n x 3, rad/s) and their times ``ts`` [us], and perhaps
+``accel`` (M3ED), or ``davis/left/imu``, n x 6 of accelerations and rates with the times ``imu_ts``
+[s] (MVSEC).
+
 MATLAB's files of version 7.3 are HDF5 too; their columns may be 1 x n.  Where several groups hold
 events, `stream` names one.  A file that declares far more data than it can hold is refused.
 """
@@ -32,7 +36,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from data_tools.recordings.formats import Columns, Options, Size, Source
+from data_tools.recordings.formats import Columns, Options, Samples, Size, Source
 from data_tools.recordings.formats._columns import Converter, find_columns
 from data_tools.recordings.formats._hdf5_checks import check_columns
 from data_tools.recordings.formats._tables import FROM_ONE, SAMPLE, column_order
@@ -117,6 +121,58 @@ def open(path: Path, options: Options) -> Source:
 
     guessed = None if unit[1] else unit[0]
     return Source(stream.format, *size, pieces, notes, guessed)
+
+
+def imu(path: Path, options: Options) -> Samples | None:
+    """Return the samples of an IMU, of the group `options.stream` or the only one; None without."""
+    with _file(path) as file:
+        found: list[str] = []
+        file.visititems(lambda name, item: found.append(name) if _is_imu(name, item) else None)
+        if options.stream is not None:
+            found = [name for name in found if name == options.stream.strip("/")]
+        elif _LEFT in found:
+            found = [_LEFT]
+        if len(found) > 1:
+            raise InputError(f"{path} has IMUs in {', '.join(found)}; say which (--imu-stream)")
+        if not found:
+            return None
+        item, name = file[found[0]], found[0]
+        if isinstance(item, h5py.Group):
+            columns = [item[key] for key in ("ts", "omega", "accel") if _is_column(item, key)]
+            per_second = 1e6
+        else:
+            columns, per_second = [file[f"{name}_ts"], item], 1.0
+        check_columns(path, columns)
+        t, *values = (np.asarray(column[()], dtype=np.float64) for column in columns)
+    t = t.ravel()
+    if any(part.ndim != 2 or part.shape[0] != t.size or part.shape[1] < 3 for part in values):
+        shapes = " and ".join("x".join(map(str, part.shape)) for part in values)
+        raise InputError(f"{path}: {name} has values of {shapes} for {t.size} times")
+    seconds = t / per_second
+    if not (np.isfinite(seconds) & (np.abs(seconds) < _LATEST)).all():
+        raise InputError(f"{path}: {name} has times that are none [s]: {seconds.max():g}")
+    rate, force = values[0], values[1] if len(values) > 1 else None
+    if per_second == 1.0:
+        rate, force = values[0][:, 3:6], values[0][:, :3]
+    taken = f"IMU: {name}, in its own axes, rates taken to be in rad/s"
+    return Samples(np.rint(1e9 * seconds).astype(np.int64), rate, force, (taken,))
+
+
+_LATEST = 9e9
+"""Times above this [s] do not fit 64 bits of nanoseconds."""
+_LEFT = "davis/left/imu"
+_MVSEC_IMU = re.compile(r"(^|/)davis/(left|right)/imu$")
+
+
+def _is_imu(name: str, item: Any) -> bool:
+    """Tell whether an item is a group of rates and times, or MVSEC's table."""
+    if isinstance(item, h5py.Group):
+        if not (_is_column(item, "omega") and _is_column(item, "ts")):
+            return False
+        rate = item["omega"]
+        return bool(rate.ndim == 2 and rate.shape[1] == 3)
+    table = isinstance(item, h5py.Dataset) and _MVSEC_IMU.search(name) is not None
+    return bool(table and item.ndim == 2 and item.shape[1] >= 6 and f"{name}_ts" in item.file)
 
 
 @contextmanager

@@ -22,7 +22,15 @@ import numpy as np
 
 from data_tools.bags import Bag, Topic, is_bag, open_bag
 from data_tools.bags.clock_map import ClockMap, fit_clock
-from data_tools.recordings.formats import Columns, Options, Size, Source, _event_arrays, _packets
+from data_tools.recordings.formats import (
+    Columns,
+    Options,
+    Samples,
+    Size,
+    Source,
+    _event_arrays,
+    _packets,
+)
 from evcalib.arrays import Integers
 from evcalib.errors import InputError
 
@@ -49,6 +57,40 @@ def open(path: Path, options: Options) -> Source:
         if topic.type in _packets.TYPES:
             return _open_packets(bag, topic, options)
         return _open_arrays(bag, topic, options)
+
+
+IMU = "sensor_msgs/msg/Imu"
+
+
+def imu(path: Path, options: Options) -> Samples | None:
+    """Return the messages of a ``sensor_msgs/Imu`` topic, `options.stream`, or of the only one.
+
+    Times are those of the headers.  None where there is no such topic.
+    """
+    with open_bag(path) as bag:
+        if options.stream is None and not any(topic.type == IMU for topic in bag.topics):
+            return None
+        topic = bag.choose((IMU,), options.stream, "an IMU")
+        t, rows, frames = [], [], set()
+        for raw in bag.messages(topic):
+            message = bag.decode(topic, raw)
+            with bag.reading(topic):
+                if message.angular_velocity_covariance[0] == -1:
+                    raise InputError(f"{path}: {topic.name} says that it measures no rates")
+                w, a = message.angular_velocity, message.linear_acceleration
+                stamp = message.header.stamp
+                t.append(int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec))
+                rows.append([w.x, w.y, w.z, a.x, a.y, a.z])
+                frames.add(message.header.frame_id)
+        notes = [f"IMU: topic {topic.name}, in the axes of {', '.join(sorted(frames)) or 'none'}"]
+        notes += [f"{count} {reason}" for reason, count in bag.losses.items() if count]
+    if not t:
+        return None
+    values = np.array(rows, dtype=np.float64)
+    force = values[:, 3:]
+    return Samples(
+        np.array(t, dtype=np.int64), values[:, :3], force if force.any() else None, tuple(notes)
+    )
 
 
 def _open_arrays(bag: Bag, topic: Topic, options: Options) -> Source:

@@ -48,6 +48,7 @@ class Camera(NamedTuple):
     lever: tuple[float, float, float]  # position in the body frame [m]
     bearing: np.ndarray  # (3,) of the corner's first observation
     axes: tuple[tuple[float, float, float], ...]  # two, across the bearing
+    stabilised: bool  # whether later bearings are those of a camera that has not turned since
 
 
 @jit
@@ -113,7 +114,7 @@ def observe(before, after, time, bias, ray, camera, a, z, y, dy):
     """Fill in where a corner is seen, and the displacement in the same terms.
 
     before, after : `State` of the body at the first observation and `time` [s] later.
-    bias : error of the yaw rate [rad/s].
+    bias : error of the yaw rate [rad/s]: the odometry's, or of what turned bearings back.
     ray : bearing at t2 in the body frame of t2.
     camera : `Camera`.
     a, z : (9, 2) and (9,), displacement across and along the first bearing b, in columns as above.
@@ -124,18 +125,21 @@ def observe(before, after, time, bias, ray, camera, a, z, y, dy):
     R, b, e, lever = camera.R, camera.bearing, camera.axes, camera.lever
     yaw1, rate1, v2, rate2 = before.yaw, before.yaw_rate, after.velocity, after.yaw_rate
     psi = after.yaw - yaw1 + time * bias
+    ray_psi = time * bias if camera.stabilised else psi
+    spin = 0.0 if camera.stabilised else rate2 - rate1
     arm = _about_z(psi, lever)
     path = _about_z(0.5 * time * bias - yaw1, _minus(after.position, before.position))
     change = _sum(_about_z(-yaw1, _minus(v2, before.velocity)), _across_z(-rate1, path))
     change = _sum(change, _across_z(rate2 - rate1, arm))
     D = _sum(path, _minus(arm, lever))
-    seen_by_body = _about_z(psi, ray)
+    seen_by_body = _about_z(ray_psi, ray)
     seen = _to_camera(R, seen_by_body)
     depth = dot(b, seen)
     if depth < NEAREST:
         return False
     y[0], y[1] = dot(e[0], seen) / depth, dot(e[1], seen) / depth
     c, s = math.cos(psi) - 1.0, math.sin(psi)
+    ray_c, ray_s = math.cos(ray_psi) - 1.0, math.sin(ray_psi)
     none = (0.0, 0.0, 0.0)
     moved = (
         D,
@@ -150,10 +154,10 @@ def observe(before, after, time, bias, ray, camera, a, z, y, dy):
     )
     turned = (
         none,
-        cross((c, s, 0.0), seen_by_body),
-        cross((-s, c, 0.0), seen_by_body),
+        cross((ray_c, ray_s, 0.0), seen_by_body),
+        cross((-ray_s, ray_c, 0.0), seen_by_body),
         none,
-        _across_z(rate2 - rate1, seen_by_body),
+        _across_z(spin, seen_by_body),
         none,
         none,
         _across_z(time, seen_by_body),

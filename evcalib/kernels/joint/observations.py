@@ -73,6 +73,7 @@ class Options(NamedTuple):
 
     loss_scale: float  # residual [rad] from which on an observation counts nothing
     slowest: float  # slowest flow with a direction [rad/s]
+    stabilised: bool  # whether later bearings are those of a camera that has not turned since
 
 
 class Linearisation(NamedTuple):
@@ -235,7 +236,7 @@ def linearise(tracks, R, unknowns, motion, options, out):
             continue
         before = state(anchored, start, motion)
         b = r1[low]
-        camera = Camera(R, unknowns.lever, b, tangent_basis(b))
+        camera = Camera(R, unknowns.lever, b, tangent_basis(b), options.stabilised)
         own = (dot(R[0], b), dot(R[1], b), dot(R[2], b))
         observe(before, before, 0.0, 0.0, own, camera, a[0], z[0], y[0], dy[0])
         known[0] = w[0] = 1.0
