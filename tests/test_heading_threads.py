@@ -11,6 +11,7 @@ from data_tools.simulation.simulator import simulate_translation
 from evcalib.camera import Camera
 from evcalib.errors import InputError
 from evcalib.heading import _threads, estimate_headings
+from evcalib.imu import ImuSeries, attitude_of
 
 CAMERA = Camera(160, 120, 110.0, 110.0, 79.5, 59.5)
 
@@ -36,7 +37,13 @@ def content(result):
     ]
 
 
-def test_the_same_bytes_for_any_number_of_threads(events, monkeypatch):
+SHAKES = attitude_of(
+    ImuSeries(np.linspace(0, 1.3, 1301), np.random.default_rng(5).normal(0, 0.05, (1301, 3)))
+)
+
+
+@pytest.mark.parametrize("attitude", [None, SHAKES], ids=["no gyro", "gyro"])
+def test_the_same_bytes_for_any_number_of_threads(events, attitude, monkeypatch):
     found, used = [], []
     for threads in (1, 2, 3):
         monkeypatch.setattr(numba.config, "NUMBA_NUM_THREADS", threads)
@@ -46,7 +53,9 @@ def test_the_same_bytes_for_any_number_of_threads(events, monkeypatch):
                 used.append((threads, len(running())))  # noqa: B023
                 yield piece
 
-        found.append(estimate_headings(watched(), CAMERA, keep_correspondences=True))
+        found.append(
+            estimate_headings(watched(), CAMERA, keep_correspondences=True, attitude=attitude)
+        )
         assert not running()
     assert len(found[0].headings) > 5
     assert [max(n for k, n in used if k == threads) for threads in (1, 2, 3)] == [0, 2, 3]

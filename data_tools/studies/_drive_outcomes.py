@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from data_tools.simulation.gyro import Gyro, angular_rates
 from data_tools.simulation.recorded_drive import (
     CAMERA,
     Disturbances,
@@ -20,6 +21,7 @@ from data_tools.studies._engine.study import Row
 from evcalib.camera import Camera
 from evcalib.errors import InputError
 from evcalib.geometry import rotation_angle
+from evcalib.imu import ImuSeries
 from evcalib.kinematics import body_velocities
 from evcalib.pipeline import RefinedCalibration, calibrate
 from evcalib.uncertainty import t_quantile
@@ -30,6 +32,10 @@ off, and a point 10 m away 17 cm.  A choice."""
 
 MAX_OFFSET = 0.6
 """Offsets within which all are searched [s]; true ones are drawn within 0.5 s."""
+
+BIASED = Gyro(bias=(float(np.radians(1.0)),) * 3)
+"""What a usual chip is off by: MPU-6150 within 20 deg/s, BMI160 3 (data sheets), less what was
+subtracted at rest; a choice."""
 
 
 def draw(parameters: Mapping[str, Any], seed: np.random.SeedSequence) -> RecordedDrive:
@@ -64,7 +70,9 @@ def draw(parameters: Mapping[str, Any], seed: np.random.SeedSequence) -> Recorde
     )
 
 
-def judged(drive: RecordedDrive, camera: Camera | None = None, *, denoise: bool = True) -> Row:
+def judged(
+    drive: RecordedDrive, camera: Camera | None = None, *, denoise: bool = True, imu: bool = False
+) -> Row:
     """Calibrate a drive from its raw events, and return a row: what came out, and what it is worth.
 
     ``class`` is ``refused`` (offset or rotation not determined, or no answer), ``useful`` (within
@@ -80,6 +88,8 @@ def judged(drive: RecordedDrive, camera: Camera | None = None, *, denoise: bool 
         What the calibration is told of the lens; the truth if not given.
     denoise : bool
         As in `calibrate`.
+    imu : bool
+        Whether the camera has a gyro, of a bias of 1 deg/s about each axis.
     """
     began = time.process_time()
     body = body_velocities(drive.wheels, drive.vehicle)
@@ -87,7 +97,8 @@ def judged(drive: RecordedDrive, camera: Camera | None = None, *, denoise: bool 
     shown = {"motion": drive.drive.kind, "late_s": drive.late}
     try:
         stream = drive.simulator.stream(threads=1)
-        run = calibrate(stream, lens, body, max_offset=MAX_OFFSET, denoise=denoise)
+        gyro = ImuSeries(*angular_rates(drive.simulator, BIASED)) if imu else None
+        run = calibrate(stream, lens, body, max_offset=MAX_OFFSET, denoise=denoise, imu=gyro)
     except InputError as error:
         return {**shown, **_REFUSED, "verdict": str(error), "seconds": time.process_time() - began}
     return {

@@ -88,7 +88,11 @@ DARK: dict[str, Any] = {
 
 MIXTURES = {"indoor robot": INDOOR, "outdoor": OUTDOOR, "dusk": DUSK, "dark": DARK}
 
-CELLS = tuple(Cell(name, {"mixture": name}) for name in MIXTURES)
+CELLS = tuple(
+    Cell(name + more, {"mixture": name, "imu": bool(more)})
+    for name in MIXTURES
+    for more in ("", ", IMU")
+)
 
 
 def study() -> Study:
@@ -100,4 +104,5 @@ def trial(parameters: Mapping[str, Any], seed: np.random.SeedSequence) -> list[R
     """Return one row: errors, bars and class of a drive; motions take turns."""
     motion = MOTIONS[seed.spawn_key[1] % len(MOTIONS)]
     mixed = MIXTURES[parameters["mixture"]]
-    return [judged(draw({"motion": motion, "duration": 16.0, **mixed}, seed))]
+    drive = draw({"motion": motion, "duration": 16.0, **mixed}, seed)
+    return [judged(drive, imu=parameters["imu"])]
