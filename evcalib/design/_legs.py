@@ -25,6 +25,10 @@ RESERVE = 0.005
 """Free space that is left on all sides together [m], and the share of the limits that is left, for
 what lies between samples."""
 
+ROUND = np.array([1.0, 0.5])
+"""A vehicle told by one axle is taken to be as long as it is wide, one told by wheels in its middle
+half as wide as long: a choice."""
+
 LEAST_SIZE = 0.02
 """Legs are at least so long [m]."""
 
@@ -44,7 +48,7 @@ class Limits:
     steering : float
         Largest angle of a steered wheel [rad] of a vehicle with an axle that does not steer.
     margin : float
-        How far the vehicle reaches beyond its wheels, on all sides [m].
+        How far the vehicle reaches beyond its wheels, on all sides [m]; see `ROUND`.
     """
 
     speed: float = 0.5
@@ -58,7 +62,13 @@ class Limits:
             value = getattr(self, field.name)
             (checks.at_least_zero if field.name == "margin" else checks.positive)(value, field.name)
         if self.steering >= np.pi / 2:
-            raise InputError(f"steering must be below 90 deg, not {np.degrees(self.steering):g} deg")
+            raise InputError(
+                f"steering must be below 90 deg, not {np.degrees(self.steering):g} deg"
+            )
+
+
+USUAL_LIMITS = Limits()
+"""Of a small robot indoors: a choice."""
 
 
 class Legs(NamedTuple):
@@ -132,12 +142,12 @@ class Ground:
         """Return a vehicle in a space; refuse one that does not fit."""
         room = np.array([checks.positive(side, "space", "m") for side in space])
         places = vehicle.positions
-        low, high = places.min(axis=0) - limits.margin, places.max(axis=0) + limits.margin
+        half, middle = 0.5 * np.ptp(places, axis=0), 0.5 * (places.min(axis=0) + places.max(axis=0))
+        half = np.where(half > 0, half, half[::-1] * ROUND) + limits.margin
+        low, high = middle - half, middle + half
         rolling = [w for w in vehicle.wheels if isinstance(w, RollingWheel)]
         axle = [wheel.x for wheel in rolling if not wheel.steer]
-        pivot = 0.5 * (low + high)
-        if axle:
-            pivot[0] = axle[0]
+        pivot = np.array([axle[0], middle[1]]) if axle else middle
         steered = np.array([(w.x, w.y) for w in rolling if w.steer]).reshape(-1, 2) - pivot
         across = np.abs(steered) @ [1 / np.tan(limits.steering), 1.0]
         corners = [(x, y) for x in (low[0], high[0]) for y in (low[1], high[1])] - pivot

@@ -12,7 +12,7 @@ import numpy as np
 from evcalib import checks
 from evcalib.arrays import Floats
 from evcalib.design._information import USUAL, Viewing
-from evcalib.design._legs import Driven, Ground, Legs, Limits
+from evcalib.design._legs import USUAL_LIMITS, Driven, Ground, Legs, Limits
 from evcalib.design._prediction import Prediction, predict
 from evcalib.display import Shown
 from evcalib.errors import InputError, NoAnswerError
@@ -21,15 +21,18 @@ from evcalib.kinematics import Vehicle
 from evcalib.series import VelocitySeries
 
 LEAST_TIME, SHORTER = 4.0, 0.8
-"""Shortest drive that is looked for [s]; each that is tried lasts so much of the next longer one."""
+"""Shortest drive that is looked for [s], and the share of the next longer one that each lasts."""
 
 REFINED = 60
 """Most variants of the best drive that are tried: a choice of time."""
 
 
 class Bars(NamedTuple):
-    """Standard deviations of offset [s], rotation about the axis that shows least [rad], and the
-    position's worse coordinate [m], or None where it does not count."""
+    """Standard deviations that a drive is to reach.
+
+    Of the offset [s], the rotation about the axis that shows least [rad], and the worse of the
+    position's coordinates [m], or None where it does not count.
+    """
 
     offset: float = 0.002
     rotation: float = float(np.radians(0.1))
@@ -51,11 +54,14 @@ class Command(NamedTuple):
 
 
 class Candidate(NamedTuple):
-    """A drive of a family: how many legs, their angles and turns [rad], blends and stops (in units
-    of a leg), and how the vehicle faces at first [rad]."""
+    """A drive of a family.
+
+    How many legs, their angles and turns [rad], their blends in units of a leg, stops in units of a
+    blend, and how the vehicle faces at first [rad].
+    """
 
     family: str
-    count: int
+    repeats: int
     angle: float
     turn: float
     blend: float
@@ -76,16 +82,16 @@ class Plan(Shown):
     commands : tuple of Command
         The same in words.
     start : tuple of float
-        Where the origin is in the space at first, along it and across [m], from a corner.
+        Where the origin is in the space at first [m]: from its near end, and from its right side.
     facing : float
         How body X points at first, from the length of the space towards its width [rad].
     prediction : Prediction
         What it will tell.
-    fingers : Prediction or None
-        What the paper's fingers would, of a vehicle of this size that keeps its heading, in the same
-        time and space: the best of any number and size; None where none fit.
     position_counts : bool
         Whether the position was among what the drive was chosen for.
+    fingers : Plan, optional
+        The paper's fingers in the same time and space, of a vehicle of this size that keeps its
+        heading: those of the number and size that tell most, where any fit.
     """
 
     kind: str
@@ -94,8 +100,8 @@ class Plan(Shown):
     start: tuple[float, float]
     facing: float
     prediction: Prediction
-    fingers: Prediction | None
     position_counts: bool
+    fingers: Plan | None = None
 
     @property
     def duration(self) -> float:
@@ -108,9 +114,9 @@ class Plan(Shown):
         along, across = self.start
         lines = [
             f"{self.kind}, {self.duration:.1f} s.",
-            f"Place the body's origin {along:.2f} m along and {across:.2f} m across from the"
-            f" right-hand corner, facing {np.degrees(self.facing):.0f} deg to the left of the"
-            " length of the space.",
+            f"Looking along the space, place the body's origin {along:.2f} m from its near end and"
+            f" {across:.2f} m from its right side, facing {np.degrees(self.facing):.0f} deg to the"
+            " left.",
             *(f"{command.t:6.1f} s  {command.what}" for command in self.commands),
             f"Predicted bars: {_bars(self.prediction, self.position_counts)}.",
         ]
@@ -119,7 +125,7 @@ class Plan(Shown):
         else:
             lines.append(
                 "Fingers of the paper in the same time and space, without turning:"
-                f" {_bars(self.fingers, False)}."
+                f" {_bars(self.fingers.prediction, False)}."
             )
         return "\n".join([*lines, self.prediction.summary, *self.prediction.advice])
 
@@ -132,7 +138,7 @@ def plan(
     offset_sd: float | None = None,
     rotation_sd: float | None = None,
     position_sd: float | None = None,
-    limits: Limits = Limits(),
+    limits: Limits = USUAL_LIMITS,
     viewing: Viewing = USUAL,
     max_offset: float = 1.0,
     systematic: Systematic = SYSTEMATIC,
@@ -178,9 +184,11 @@ def plan(
     ground = Ground.of(vehicle, space, limits)
     asked = [sd for sd in (offset_sd, rotation_sd, position_sd) if sd is not None]
     for sd in asked:
-        checks.positive(sd, "an asked standard deviation")
+        checks.positive(sd, "a standard deviation that is asked")
     usual = Bars(position=None if ground.strafes else 0.005)
-    goal = Bars(offset_sd or usual.offset, rotation_sd or usual.rotation, position_sd or usual[2])
+    goal = Bars(
+        offset_sd or usual.offset, rotation_sd or usual.rotation, position_sd or usual.position
+    )
 
     def tell(drive: VelocitySeries) -> Prediction:
         return predict(drive, viewing=viewing, max_offset=max_offset, systematic=systematic)
@@ -195,19 +203,23 @@ def plan(
             " more space, or take more time"
         )
     if asked:
-        given = Bars(*(sd or np.inf for sd in (offset_sd, rotation_sd)), position_sd)
+        given = Bars(offset_sd or np.inf, rotation_sd or np.inf, position_sd)
         found = _shortest(found, time, given, best)
-    drive, prediction, candidate = found.drive, found.prediction, found.candidate
-    fingers = _best_fingers(ground, drive.velocities.t[-1], goal, tell)
+    fingers = _best_fingers(ground, float(found.drive.velocities.t[-1]), goal, tell)
+    return _plan_of(found, goal, None if fingers is None else _plan_of(fingers, Bars()))
+
+
+def _plan_of(found: _Found, goal: Bars, fingers: Plan | None = None) -> Plan:
+    drive, candidate = found.drive, found.candidate
     return Plan(
         kind=candidate.family,
         velocities=drive.velocities,
         commands=tuple(_commands(legs(candidate), drive)),
         start=(float(drive.start[0]), float(drive.start[1])),
         facing=candidate.facing,
-        prediction=prediction,
-        fingers=fingers,
+        prediction=found.prediction,
         position_counts=goal.position is not None,
+        fingers=fingers,
     )
 
 
@@ -266,16 +278,15 @@ def _best(ground: Ground, time: float, goal: Bars, tell: Tell) -> _Found | None:
     return found
 
 
-def _best_fingers(ground: Ground, time: float, goal: Bars, tell: Tell) -> Prediction | None:
-    """Return what the paper's fingers tell at their best: three directions, 60 deg apart."""
+def _best_fingers(ground: Ground, time: float, goal: Bars, tell: Tell) -> _Found | None:
+    """Return the paper's fingers at their best: three directions, 60 deg apart."""
     free, goal = replace(ground, strafes=True, least_radius=0.0), goal._replace(position=None)
     counts = {round(3 * 1.3**k) for k in range(10)}
     tried = (
-        _judged(free, FINGERS._replace(count=n, facing=facing), time, goal, tell)
+        _judged(free, FINGERS._replace(repeats=n, facing=facing), time, goal, tell)
         for n, facing in product(sorted(counts), ground.facings)
     )
-    found = min((one for one in tried if one is not None), key=_cost, default=None)
-    return None if found is None else found.prediction
+    return min((one for one in tried if one is not None), key=_cost, default=None)
 
 
 def _cost(found: _Found) -> float:
@@ -305,7 +316,7 @@ Leg = tuple[float, float, float, float]
 
 def _fingers(c: Candidate) -> Iterator[Leg]:
     """Go out and back, ahead and to both sides; curved where they turn."""
-    for k in range(c.count):
+    for k in range(c.repeats):
         way = (0.0, c.angle, -c.angle)[k % 3]
         x, y, turn = np.cos(way), np.sin(way), c.turn * (-1) ** k
         yield from ((1.0, x, y, turn), _stop(c), (1.0, -x, -y, -turn), _stop(c))
@@ -313,14 +324,14 @@ def _fingers(c: Candidate) -> Iterator[Leg]:
 
 def _polygon(c: Candidate) -> Iterator[Leg]:
     """Turn the direction by the angle from leg to leg; the body turns to and fro."""
-    for k in range(c.count):
+    for k in range(c.repeats):
         yield 1.0, np.cos(k * c.angle), np.sin(k * c.angle), c.turn * (-1) ** k
         yield _stop(c)
 
 
 def _slalom(c: Candidate) -> Iterator[Leg]:
     """Curve left and right; from 180 deg on the curves are eights."""
-    for k in range(c.count):
+    for k in range(c.repeats):
         yield 1.0 if k else 0.5, 1.0, 0.0, c.turn * (-1) ** k
         yield _stop(c)
 
@@ -328,14 +339,14 @@ def _slalom(c: Candidate) -> Iterator[Leg]:
 def _parking(c: Candidate) -> Iterator[Leg]:
     """Go to and fro and turn on with every leg, by 120 deg or so to one side, then to the other."""
     run = max(round(np.radians(120.0) / c.turn), 1)
-    for k in range(c.count):
+    for k in range(c.repeats):
         yield 1.0, (-1) ** k, 0.0, c.turn * (-1) ** ((k + run // 2) // run)
         yield _stop(c)
 
 
 def _star(c: Candidate) -> Iterator[Leg]:
     """Go out and back, turn on the spot, and again."""
-    for k in range(c.count):
+    for k in range(c.repeats):
         yield from ((1.0, 1.0, 0.0, 0.0), _stop(c), (1.0, -1.0, 0.0, 0.0), _stop(c))
         turned = c.angle * (0, 1, -1)[(k + 1) % 3] - c.angle * (0, 1, -1)[k % 3]
         yield from ((abs(turned), 0.0, 0.0, float(np.sign(turned))), _stop(c))
@@ -369,7 +380,9 @@ def _grid(ground: Ground, goal: Bars) -> Iterator[Candidate]:
     deg, facing = np.radians, ground.facings[0]
     if ground.strafes:
         turns = [0.0] if goal.position is None else [deg(40.0), deg(90.0)]
-        yield from (FINGERS._replace(count=n, facing=f) for n in (3, 6, 10) for f in ground.facings)
+        yield from (
+            FINGERS._replace(repeats=n, facing=f) for n in (3, 6, 10) for f in ground.facings
+        )
         for turn, n, angle in product(turns, (3, 6, 10), deg([60.0, 90.0])):
             yield Candidate("fingers", n, float(angle), turn, 0.5, 0.0, facing)
         for turn, n, angle in product(turns, (6, 12, 20), deg([75.0, 90.0, 120.0, 144.0])):
@@ -386,7 +399,9 @@ def _grid(ground: Ground, goal: Bars) -> Iterator[Candidate]:
 
 def _variants(c: Candidate, ground: Ground) -> Iterator[Candidate]:
     """Return a candidate's neighbours, one parameter changed each."""
-    yield from (c._replace(count=n) for n in {c.count - 1, c.count + 1, round(1.4 * c.count)} if n)
+    yield from (
+        c._replace(repeats=n) for n in {c.repeats - 1, c.repeats + 1, round(1.4 * c.repeats)} if n
+    )
     for factor in (0.8, 1.25):
         if c.angle:
             yield c._replace(angle=min(c.angle * factor, np.pi))
