@@ -40,7 +40,7 @@ CELLS = (
     Cell("fingers of the mecanum", {"vehicle": "mecanum", "drive": "fingers"}),
 )
 
-WORLD = Corners(life=0.3, noise=0.3)
+WORLD = Corners(count=25, life=0.3, noise=0.3)
 
 CAMERA = Camera(240, 180, 200.0, 200.0, 119.5, 89.5)
 AHEAD = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
@@ -50,8 +50,8 @@ WHEELS = 0.002
 
 VIEWING = Viewing(
     noise=WORLD.noise,
-    # As many observations a second, at 20 Hz as the prediction has them.
-    corners=WORLD.count * RATE / 20.0,
+    # Corners live for twice `life`, so that twice `count` are there; the prediction has 20 Hz.
+    corners=2 * WORLD.count * RATE / 20.0,
     # The mean square of 1 / distance.
     distance=float(np.sqrt(2 * np.log(FARTHEST / NEAREST) / (NEAREST**-2 - FARTHEST**-2))),
     lean_sd=0.0,

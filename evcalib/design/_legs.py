@@ -87,6 +87,13 @@ class Legs(NamedTuple):
     def end(self) -> float:
         return float(self.lasts.sum()) + self.blend
 
+    @property
+    def times(self) -> Floats:
+        """Times that hold all at which blends begin and end, and at least eight in each."""
+        even = np.linspace(0.0, self.end, int(np.ceil(8 * self.end / self.blend)) + 1)
+        t = np.sort(np.concatenate([even, self.starts, self.starts + self.blend]))
+        return t[np.diff(t, prepend=-1.0) > 1e-6]
+
     def at(self, t: Floats) -> Floats:
         """Return the twists at times, shape (n, 3)."""
         knots = self.blend / 2 + self.starts
@@ -174,15 +181,17 @@ class Ground:
 
     def drive(self, legs: Legs, facing: float, time: float) -> Driven | None:
         """Return the largest drive of these legs that fits into the space and the time, if any."""
-        t = np.linspace(0.0, legs.end, int(np.ceil(8 * legs.end / legs.blend)) + 1)
+        t = legs.times
         twist = legs.at(t)
-        change = np.gradient(twist, t, axis=0)
+        # Between two times the twist changes evenly; both ends of it count.
+        change = np.tile(np.diff(twist, axis=0) / np.diff(t)[:, None], (2, 1))
+        ends = np.concatenate([twist[:-1], twist[1:]])
         yaw = facing + cumulative_trapezoid(twist[:, 2], t, initial=0.0)
         flat = twist * [1.0, 1.0, 0.0]
         place = cumulative_trapezoid(turned_by_yaw(flat, yaw), t, axis=0, initial=0.0)
 
         def slowness(size: float) -> float:
-            return self._slowness(twist, change, size)
+            return self._slowness(ends, change, size)
 
         def possible(size: float) -> bool:
             return slowness(size) * legs.end <= time and self._fits(size * place, yaw)
