@@ -264,9 +264,12 @@ def _best(ground: Ground, time: float, goal: Bars, tell: Tell) -> _Found | None:
             known[candidate] = _judged(ground, candidate, time, goal, tell)
         return known[candidate]
 
-    tried = [judge(candidate) for candidate in _grid(ground, goal)]
-    found = min((one for one in tried if one is not None), key=_cost, default=None)
-    if found is None:
+    for grid in (_grid, _small):
+        tried = [judge(candidate) for candidate in grid(ground, goal)]
+        found = min((one for one in tried if one is not None), key=_cost, default=None)
+        if found is not None:
+            break
+    else:
         return None
     limit = len(known) + REFINED
     while len(known) < limit:
@@ -395,6 +398,13 @@ def _grid(ground: Ground, goal: Bars) -> Iterator[Candidate]:
         yield Candidate("parking", 2 * n, 0.0, float(turn), 0.5, 1.0, facing)
         if not ground.least_radius:
             yield Candidate("star", n, float(turn), 0.0, 0.5, 1.0, facing)
+
+
+def _small(ground: Ground, goal: Bars) -> Iterator[Candidate]:
+    """Return what may still fit where none of the grid does: few legs, and small turns."""
+    known = dict.fromkeys(one._replace(repeats=1) for one in _grid(ground, goal))
+    for one, n, part in product(known, (1, 3), (0.2, 0.6)):
+        yield one._replace(repeats=n, turn=part * one.turn)
 
 
 def _variants(c: Candidate, ground: Ground) -> Iterator[Candidate]:
