@@ -172,8 +172,11 @@ def test_on_the_command_line_files_can_be_read_back(run, tmp_path):
     [
         (("--space", "0.5x0.4"), "the vehicle takes up 0.70 x 0.60 m, with a margin of 0.1 m"),
         (("--space", "0.71x0.61"), "no drive of this vehicle fits into 0.71 x 0.61 m"),
-        (("--space", "3by2"), "--space must be LENGTHxWIDTH in metres, such as 3x2, not '3by2'"),
-        (("--space", "3x."), "--space must be LENGTHxWIDTH"),
+        (
+            ("--space", "3by2"),
+            "--space must be a length and a width in metres, such as 3x2, not '3by2'",
+        ),
+        (("--space", "3x."), "--space must be a length"),
         (("--space", "0x2"), "space must be"),
         (("--space", "3x2", "--time", "0"), "time must be"),
         (("--space", "3x2", "--max-steering", "90"), "steering must be below 90 deg"),

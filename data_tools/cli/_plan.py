@@ -18,7 +18,7 @@ from evcalib.errors import InputError
 def plan(
     vehicle: Annotated[Path, typer.Argument(help="Vehicle file.", metavar="VEHICLE.yaml")],
     space: Annotated[
-        str, typer.Option(help="Free space, LENGTHxWIDTH in metres, such as 3x2.", metavar="LxW")
+        str, typer.Option(help="Free space, length x width in metres, such as 3x2.", metavar="LxW")
     ],
     output: Annotated[
         Path | None, typer.Option("-o", "--output", help="Velocities to drive (CSV).")
@@ -103,6 +103,6 @@ def _space(text: str) -> tuple[float, float]:
         length, width = map(float, found.groups() if found else ())
     except ValueError:
         raise InputError(
-            f"--space must be LENGTHxWIDTH in metres, such as 3x2, not {text!r}"
+            f"--space must be a length and a width in metres, such as 3x2, not {text!r}"
         ) from None
     return length, width

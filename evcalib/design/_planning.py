@@ -30,8 +30,14 @@ REFINED = 60
 class Bars(NamedTuple):
     """Standard deviations that a drive is to reach.
 
-    Of the offset [s], the rotation about the axis that shows least [rad], and the worse of the
-    position's coordinates [m], or None where it does not count.
+    Parameters
+    ----------
+    offset : float
+        Of the offset [s].
+    rotation : float
+        Of the rotation about the axis that shows least [rad].
+    position : float, optional
+        Of the worse of the position's x and y [m], where it counts.
     """
 
     offset: float = 0.002
@@ -47,7 +53,15 @@ class Bars(NamedTuple):
 
 
 class Command(NamedTuple):
-    """From when on [s] to do what."""
+    """What to do, and from when on.
+
+    Parameters
+    ----------
+    t : float
+        Time [s].
+    what : str
+        In words.
+    """
 
     t: float
     what: str
