@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from data_tools.logs.series_files import read_velocities
 from data_tools.logs.vehicle_files import write_vehicle
 from data_tools.logs.wheel_logs import read_wheel_log
-from data_tools.studies import load_study, run_study
+from data_tools.studies import load_study, run_study, study
 from data_tools.studies import plan as planned
 from evcalib.design import Bars, Limits, _planning, plan, predict
 from evcalib.design._legs import Ground
@@ -193,7 +193,10 @@ def test_bad_questions_end_with_2(run, tmp_path, words, says):
 
 
 @pytest.mark.slow
-def test_simulated_errors_are_those_predicted(tmp_path):
-    run_study("plan", trials=3, seed=2, folder=tmp_path)
-    for found in planned.ratios(load_study(tmp_path / "plan.h5")).values():
-        assert found["answered"] == 1.0
+def test_simulated_errors_are_about_those_predicted(tmp_path):
+    """Few drives: within twice; tests/README.md has those of 30."""
+    few = study("plan").only(["differential"])
+    run_study(few, trials=6, seed=2, folder=tmp_path)
+    found = planned.ratios(load_study(tmp_path / "plan.h5"))["differential"]
+    assert found["answered"] > 0.8
+    assert all(0.5 < found[name] < 2.0 for name in ("offset", "rotation", "position"))
