@@ -1,5 +1,7 @@
 """Predicted precision: against closed forms, and against what estimators reach."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from naive_design import naive_information
@@ -11,7 +13,7 @@ from evcalib.errors import InputError
 from evcalib.joint import SYSTEMATIC, Systematic
 from evcalib.series import VelocitySeries
 
-SHARP = Viewing(focal=2000.0, noise=3.0)
+SHARP = Viewing(focal=2000.0, noise=3.0, lean_sd=0.0)
 """As the usual one, but so sharp that even corners close to the point ahead flow and are seen."""
 NOTHING = Systematic(lag_sd=0.0, time_sd=0.0, rotation_sd=0.0, yaw_rate_sd=0.0)
 SHIFTS = np.round(np.arange(-1.0, 1.005, 0.01), 2)
@@ -20,11 +22,6 @@ SHIFTS = np.round(np.arange(-1.0, 1.005, 0.01), 2)
 def logged(drive):
     t = np.arange(0.0, drive.duration, 0.01)
     return VelocitySeries(t, drive.velocity(t), drive.yaw_rate(t))
-
-
-@pytest.fixture
-def no_lean(monkeypatch):
-    monkeypatch.setattr(_information, "TILT_SD", 1e-9)
 
 
 def directions(viewing):
@@ -41,7 +38,7 @@ def directions(viewing):
     return viewing.step_sd**2 / np.mean(near * share) / (0.25 * np.sum((t - t.mean()) ** 2))
 
 
-def test_a_slow_s_curve_reaches_the_bound_of_its_headings(no_lean):
+def test_a_slow_s_curve_reaches_the_bound_of_its_headings():
     """Var(offset) = noise^2 per heading / sum (omega - mean)^2; a new corner every 0.6 s."""
     drive, viewing = s_curve(24.0, amplitude=0.05, period=12.0, speed=0.5), SHARP
     rate = (2 * np.pi / 12) * 0.05 * np.cos(2 * np.pi / 12 * np.arange(0.3, 23.7, STEP))
@@ -51,7 +48,7 @@ def test_a_slow_s_curve_reaches_the_bound_of_its_headings(no_lean):
         assert found.offset_sd == pytest.approx(bound, rel=0.03)
 
 
-def test_rotation_about_the_vertical_is_a_mean_of_directions(no_lean):
+def test_rotation_about_the_vertical_is_a_mean_of_directions():
     drive, viewing = s_curve(24.0, amplitude=0.01, period=12.0, speed=0.5), SHARP
     corners = (24.0 / STEP - 12) / 12
     found = predict(logged(drive), viewing=viewing, systematic=NOTHING)
@@ -103,13 +100,14 @@ def test_a_fast_zigzag_repeats_itself_half_a_period_on():
     assert not predict(drive, max_offset=0.3).repeats
 
 
-def test_the_bound_scales_as_it_should(no_lean):
+def test_the_bound_scales_as_it_should():
     drive = logged(s_curve(16.0, speed=0.5))
-    one = predict(drive, systematic=NOTHING).offset_sd
-    four = predict(drive, viewing=Viewing(corners=80), systematic=NOTHING).offset_sd
+    usual = Viewing(lean_sd=0.0)
+    one = predict(drive, viewing=usual, systematic=NOTHING).offset_sd
+    four = predict(drive, viewing=replace(usual, corners=80), systematic=NOTHING).offset_sd
     assert four == pytest.approx(one / 2, rel=1e-3)
     # Noise goes with the square root, distance with one; but slow corners are not seen.
-    loud = predict(drive, viewing=Viewing(noise=0.6), systematic=NOTHING).offset_sd
+    loud = predict(drive, viewing=replace(usual, noise=0.6), systematic=NOTHING).offset_sd
     assert loud == pytest.approx(2 * one, rel=1e-3)
 
 

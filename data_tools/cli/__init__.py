@@ -14,7 +14,7 @@ from typing import Any
 import typer
 
 # Importing them adds their commands, in this order.
-from data_tools.cli import _calibrate, _files, _lab, _studies  # noqa: F401
+from data_tools.cli import _calibrate, _files, _lab, _plan, _studies  # noqa: F401
 from data_tools.cli._options import BAD_INPUT, DOUBTS, INTERRUPTED, NO_ANSWER, Interrupted, app
 from evcalib.errors import EvcalibError, NoAnswerError
 

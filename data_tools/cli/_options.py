@@ -31,7 +31,7 @@ INPUTS = (
 )
 """Parameters of commands that are files to read.  Not the list of a batch: its paths are relative
 to it, so it has to stand somewhere."""
-OUTPUTS = ("output", "target", "plot")
+OUTPUTS = ("output", "target", "plot", "commands")
 """Parameters of commands that are files to write."""
 
 _COPIES: dict[str, str] = {}

@@ -59,6 +59,7 @@ STUDIES = {
     "conditions": "what each thing that is not ideal costs, one at a time",
     "mixtures": "what is left of it on an indoor robot, outdoors, at dusk and in the dark",
     "turning": "rotation, offset and position of cameras on vehicles that turn",
+    "plan": "whether planned drives tell what was predicted",
 }
 """Names of the studies, and what they ask."""
 

@@ -79,6 +79,8 @@ class Viewing:
         Width of its field of view [rad]; the height is three quarters of that.
     position : tuple of float
         About where it is in the body frame, x and y [m].
+    lean_sd : float
+        Standard deviation of the body's lean by its acceleration [rad per m/s^2].
     """
 
     focal: float = 200.0
@@ -88,6 +90,7 @@ class Viewing:
     direction: float = 0.0
     field: float = 1.1
     position: tuple[float, float] = (0.2, 0.1)
+    lean_sd: float = TILT_SD
 
     @property
     def step_sd(self) -> float:
@@ -162,7 +165,7 @@ def information(
     _random_walk(band, max(float(sd), 1e-6) * STEP)
     total -= mixed.T @ solveh_banded(band, mixed, lower=True)
     total[LAG, LAG] += max(systematic.lag_sd / viewing.focal, 1e-9) ** -2
-    total[TILT, TILT] += np.eye(2) * TILT_SD**-2
+    total[TILT, TILT] += np.eye(2) * max(viewing.lean_sd, 1e-9) ** -2
     return total
 
 
